@@ -1,11 +1,10 @@
-"""How near the tests come to their bounds: the suite as it is and in five variants that only rounding sets apart.
-
+"""How near the tests come to their bounds: the suite as it is and in five variants that differ only in rounding.
     python -m tests.bounds                            # all of the suite; the table in benchmarks/results/bounds.md
     python -m tests.bounds tests/terms -m "not long"  # some, with the options of pytest
 
-An assertion `value < bound`, `value == approx(...)` or an allclose of NumPy is as near as value/bound (of
-approx: deviation/tolerance). A bound is told where rounding moves the value by more than a tenth of the room that is
-left, and the worst leaves less than a factor of three. Tests that fail in a variant are named.
+An assertion `value < bound`, `value == approx(...)` or an allclose of NumPy is rated by value/bound (of approx:
+deviation/tolerance). A bound is reported where rounding moves the value by more than a tenth of the remaining margin
+and the worst variant leaves less than a factor of three. Tests that fail in a variant are named.
 """
 
 import json

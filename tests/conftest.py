@@ -1,6 +1,7 @@
-"""One Taichi per test module: a process holds at most 512 trees of fields, and init drops them all.
+"""Fixtures and markers of all tests. Taichi is started once per test module: a process holds at most 512 trees of
+fields, and init drops them all.
 
-LONGEST, PAGES and CORE name files by their place in tests/; what they name must exist.
+LONGEST, PAGES and CORE name files by their place in tests/; the files must exist.
 """
 
 from pathlib import Path

@@ -1,10 +1,9 @@
-"""Every argument of the public Python API, given some 70 kinds of nonsense, is refused in one line that names it, or
-means something.
-
+"""Every argument of the public Python API, given some 70 kinds of nonsense, is accepted as valid or refused in one line
+that names it.
     python -m pytest -n0 -m "slow or long" tests/test_arguments.py   # more of them, and for an hour all
 
 A call may end in a SceneError that names the argument, in the TypeError of Python's own call signature, or in a result
-of finite numbers; then the argument must have been of the kind of the sound one. Nothing may hang.
+of finite numbers; then the argument must have been of the kind of the valid one. No call may hang.
 """
 
 import contextlib

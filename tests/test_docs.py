@@ -1,4 +1,5 @@
-"""The documentation is true: its code runs, the functions and tests it names exist, its links lead somewhere."""
+"""The documentation is correct: its code runs, the functions and tests it names exist, and its links lead to their
+targets."""
 
 import ast
 import re
@@ -165,7 +166,7 @@ def parsing_only(monkeypatch):
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_are_read(page, parsing_only, tmp_path, monkeypatch, capsys):
-    """Every command of the pages and of the captions exists, with its options and values; nothing is computed."""
+    """Every command of the pages and of the captions exists with its options and values; nothing is computed."""
     from taichi_mps.__main__ import main
 
     files_of_the_pages(tmp_path)
@@ -202,7 +203,7 @@ def shortened(words):
 @pytest.mark.long
 @pytest.mark.parametrize("page", [page for page in SITE if page.parent != DOCS or page.stem == "start"], ids=name_of)
 def test_commands_run(page, tmp_path):
-    """The commands of a page, in its order, in an empty folder, with the simulated time cut short."""
+    """The commands of a page run in its order in an empty folder, with the simulated time cut short."""
     files_of_the_pages(tmp_path)
     for program, *words in commands(page.read_text(encoding="utf-8"), captions=False):
         if program == "taichi-mps" and (words := shortened(words)):
@@ -220,8 +221,8 @@ def test_every_figure_names_the_command_that_makes_it(page):
 
 # ---- the site -------------------------------------------------------------------------------------------------------
 def test_the_site_is_built_offline_without_a_warning(tmp_path):
-    """Strictly: every link, anchor and name of the API; nothing on its pages is fetched from elsewhere; equations are
-    MathML."""
+    """The strict build finds every link, anchor and name of the API; pages load nothing from elsewhere, and equations
+    are MathML."""
     pytest.importorskip("zensical", reason="zensical is not installed: pip install 'taichi-mps[docs]'")
     shutil.copytree(DOCS, tmp_path / "docs")
     for folder in (PACKAGE, ROOT / "tests"):
@@ -261,7 +262,7 @@ def test_the_words_of_the_pages_keep_their_budget(kind):
 
 
 def test_one_thing_has_one_word():
-    """The names of options and keys aside, in whose places the field has other words."""
+    """The pages use one word for one thing, except in names of options and keys."""
     other = re.compile(r"\byield values?\b|slump-flow diameter|(?:viscous|pressure) iterations", re.I)
     scripts = [*PACKAGE.rglob("*.py"), *(ROOT / "scenes").glob("*.py")]
     for path in (*PAGES, *scripts):
@@ -281,8 +282,8 @@ def constant(file, name):
 
 
 def test_the_table_of_constants_is_that_of_the_code():
-    """Each constant has that value in that file; each number at the top of a module of terms or schemes is listed, but
-    for those that no result depends on."""
+    """Each constant of the table has that value in that file, and each number at the top of a module of terms or
+    schemes is listed unless no result depends on it."""
     page = (DOCS / "theory" / "constants.md").read_text(encoding="utf-8")
     listed = set(WITHOUT_INFLUENCE)
     for cell, file, value in re.findall(r"^\| (`.*?) \| `(\S+\.py)` \| (.*?) \|", page, re.M):
@@ -307,8 +308,8 @@ def test_the_api_has_every_public_name():
 
 
 def test_named_functions_exist():
-    """A dotted name of the index is one of a function, room.module.name; so is one of any page that begins with a room
-    and a module."""
+    """Dotted names of the index, and those on any page that begin with a room and a module, are functions
+    room.module.name."""
     known = modules()
     assert set(DOTTED.findall(EQUATIONS)) == {f"{module}.{name}" for module, name in CALL.findall(EQUATIONS)}
     assert len(CALL.findall(EQUATIONS)) > 100
@@ -320,7 +321,7 @@ def test_named_functions_exist():
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_named_files_and_imports_exist(page):
-    """Files with a folder, from the root of the project or of the package; what Python blocks import."""
+    """Files named with a folder, from the root of the project or of the package, and imports of Python blocks exist."""
     text = page.read_text(encoding="utf-8")
     for name in set(PYTHON.findall(text)) - EXAMPLES:
         assert (ROOT / name).is_file() or (PACKAGE / name).is_file(), name

@@ -1,4 +1,5 @@
-"""Public docstrings are whole: each parameter and result is described, every name has an example, and examples run."""
+"""Public docstrings are complete: each parameter and result is described, every name has an example, and examples
+run."""
 
 import doctest
 import re
@@ -94,7 +95,7 @@ def test_examples_run(module):
 @pytest.mark.slow
 @pytest.mark.parametrize("module", sorted(COMPILING))
 def test_examples_that_compile_kernels_run(module):
-    """Each in a process of its own, for they start Taichi."""
+    """Each example runs in its own process, since it starts Taichi."""
     script = f"import doctest, taichi_mps.{module} as m; print(doctest.testmod(m, optionflags=doctest.ELLIPSIS))"
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=600)
     assert re.search(r"failed=0, attempted=[1-9]", result.stdout), result.stdout + result.stderr

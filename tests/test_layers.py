@@ -88,7 +88,8 @@ def test_no_import_circles():
 
 
 def test_the_package_itself_reads_nothing_at_its_import():
-    """So that a signal is listened to before the long part of the start."""
+    """The import of taichi_mps.__main__ loads no numpy and of the package only cli and cli.stopped, so that signals are
+    handled before the long part of the start."""
     script = "import sys, taichi_mps.__main__; print([m for m in sys.modules if 'taichi_mps.' in m or m == 'numpy'])"
     assert child("-c", script).stdout.strip() == str(
         ["taichi_mps.cli", "taichi_mps.cli.stopped", "taichi_mps.__main__"]
@@ -124,7 +125,7 @@ LARGE = {"taichi", "h5py", "matplotlib", "meshio", "imageio", "scipy", "pysplash
     ],
 )
 def test_import_is_instant(code, without, seconds):
-    """In processor time, of which a machine may need three times as much as the one where that was measured."""
+    """The processor time of an import is at most three times that measured, for slower machines."""
     told = f"print(sorted({without} & set(sys.modules)), time.process_time())"
     found, spent = (
         child("-c", f"import sys, time, taichi_mps as mps; {code}; {told}").stdout.split("\n")[-2].split("] ")

@@ -1,4 +1,4 @@
-"""Bad input ends in one SceneError that names the key, the value with its unit and what is allowed."""
+"""Bad input gives one SceneError that names the key, the value with its unit and what is allowed."""
 
 import math
 import random

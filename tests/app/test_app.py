@@ -62,7 +62,7 @@ class Tab:
 
 @needs_chromium
 def test_sliders_preview_a_mix_and_its_address_brings_it_back(tmp_path):
-    """The preview is held against a run of the same model, whose cheap section it is."""
+    """The previewed slump and slump flow of a mix are those of a run of the same model."""
     scene = catalogue.build("slump", yield_value=1500.0, plastic_viscosity=30.0, model="axisymmetric", spacing=0.01)
     sim = mps.Simulation(scene)
     sim.run()
@@ -228,7 +228,7 @@ def test_a_resident_answers_is_started_again_when_it_dies_and_ends_when_nobody_a
 
 
 def test_nobody_waits_for_the_preview_of_a_mix_that_was_moved_on():
-    """A newer move cancels the older one, in the middle of its flow."""
+    """A new request cancels the preview of an older one while it computes."""
 
     async def course():
         resident = Resident("preview")

@@ -1,5 +1,5 @@
-"""Numbers in sentences of the pages are those of committed results, and results say what they were made with. Compiles
-nothing."""
+"""Numbers in sentences of the pages are those of committed results, and results state how they were made. Compiles no
+kernels."""
 
 import json
 import re
@@ -38,13 +38,14 @@ def result(*numbers):
 
 @pytest.mark.parametrize("page", claims.PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_a_page_has_the_numbers_of_the_results(page):
-    """`python benchmarks/claims.py` would change nothing."""
+    """`python benchmarks/claims.py` would change no page."""
     assert claims.filled(page, KNOWN) == page.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", TOLD)
 def test_a_measured_number_in_a_sentence_has_a_mark(page):
-    """With a unit of what is measured; tables that a command writes, and what commands print, aside."""
+    """Numbers with a unit of a measured quantity have a mark, except in tables that a command writes and in printed
+    output."""
     text = re.sub(
         r"<!-- written by .*?<!-- end.*?-->|^```.*?^```$", "", (ROOT / page).read_text("utf-8"), flags=re.S | re.M
     )
@@ -69,7 +70,8 @@ def test_a_mark_without_a_number_or_of_an_unknown_name_is_refused(text, tmp_path
 
 
 def test_an_error_is_the_worst_of_the_means():
-    """By hand from the tables of docs/models.md: 600 Pa, 10 Pa s; 300 Pa; 40 Pa; and of 100 and 500 Pa in peers.md."""
+    """The worst mean error equals that computed by hand from the tables of docs/models.md (600 Pa, 10 Pa s; 300 Pa; 40
+    Pa) and of peers.md (100 and 500 Pa)."""
     names = "full-slump", "full-flow80", "full-flow", "full-volume", "rings500", "foam500", "foam5"
     assert [KNOWN[name] for name in names] == ["2.0", "1.7", "3.6", "1.1", "2.3", "3.4", "21.8"]
 
@@ -88,7 +90,8 @@ def test_what_misses_its_target_is_all_that_does(monkeypatch):
 
 
 def test_a_row_that_constants_were_chosen_on_is_called_calibration():
-    """Those with an asterisk in docs/theory/constants.md, and the window of the packing; the table says of which."""
+    """The table marks as calibration the rows on which constants of docs/theory/constants.md with an asterisk, and the
+    packing window, were chosen."""
     page = (ROOT / "docs" / "theory" / "constants.md").read_text(encoding="utf-8")
     lines = re.findall(r"^\| (`.*?) \| `\S+\.py` \| .*? \| .*? \| (.*?) \|$", page, re.M)
     marked = {name for cell, origin in lines if "*" in origin for name in re.findall(r"`([\w.]+)`", cell)}
@@ -117,7 +120,8 @@ def results(tmp_path, monkeypatch):
 
 
 def test_a_result_says_what_it_was_made_with(results, tmp_path, monkeypatch):
-    """Benchmarks and validate alike; outside of benchmarks/ without the hash."""
+    """Results of benchmarks and of validate state commit, date, processor and versions; outside of benchmarks/ without
+    the hash."""
     points.save("mine", {"rows": []})
     monkeypatch.setattr(table, "run_apart", lambda name, *how: result() | {"row": name})
     for folder in (results, tmp_path / "elsewhere"):

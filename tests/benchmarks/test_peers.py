@@ -1,4 +1,4 @@
-"""Errors of peers are read right from known output. Compiles nothing."""
+"""Errors of peer codes are computed correctly from known output. Compiles no kernels."""
 
 import sys
 from pathlib import Path
@@ -36,7 +36,7 @@ def test_slump_from_particles_and_from_a_peer_that_gives_it():
 
 
 def test_front_of_the_dam_break():
-    """Rows of particles up to the measured front, and a drop ahead of it, which does not count."""
+    """The front of rows of particles is found at its known place, and a drop ahead of it does not count."""
     known, l0 = columns("C_dambreak_front_martin_moyce_koshizuka.csv", dataset="martin_moyce_a2.25in_n2=2"), DAM.spacing
     t, front = np.append(0.0, known["t*sqrt(2g/a)"][:6]), cases.COLUMN * np.append(1.0, known["z/a"][:6])
     bodies = [np.append(np.arange(0.0, reach - 0.5 * l0, l0), reach - 0.5 * l0) for reach in front]

@@ -1,4 +1,4 @@
-"""Friction of walls: what it holds, how fast fluid slips on it, and its place in the system."""
+"""Friction of walls: the stress that it holds, the slip velocity of the fluid, and its part of the system matrix."""
 
 from dataclasses import replace
 
@@ -40,7 +40,8 @@ def carried_by(floor, area):
 
 
 def test_newtonian_film_slips_by_the_wall_stress_over_the_viscous_constant():
-    """Navier's slip, half of the surface speed: within 2 %, as without slip. The floor carries the weight."""
+    """With Navier's slip of half of the surface speed a Newtonian film has its exact profile within 2 %, as without
+    slip, and the floor carries its weight."""
     eta = 100.0
     sim = mps.Simulation(film(mps.Friction(viscous_constant=ROUGHNESS), mps.Newtonian(DENSITY, eta)))
     sim.run(until=1.0)  # 9 rho H/k
@@ -53,8 +54,8 @@ def test_newtonian_film_slips_by_the_wall_stress_over_the_viscous_constant():
 
 @pytest.mark.long
 def test_a_plug_slips_on_a_yielding_floor_by_the_excess_over_its_viscous_constant():
-    """From rest, rho H du/dt = WEIGHT - yield stress - k u: within 5 % on the way, where the step of a tenth of
-    rho H/k costs 1 % and the iterations lag, and within 1 % in the end."""
+    """A plug follows rho H du/dt = WEIGHT - yield stress - k u from rest: within 5 % on the way, where the step of a
+    tenth of rho H/k costs 1 % and the iterations lag, and within 1 % in the end."""
     yield_value = 0.5 * WEIGHT
     sim = mps.Simulation(film(mps.Friction(yield_value=yield_value, viscous_constant=ROUGHNESS), STIFF))
     for time, error in ((0.25, 0.05), (2.5, 0.01)):
@@ -66,7 +67,8 @@ def test_a_plug_slips_on_a_yielding_floor_by_the_excess_over_its_viscous_constan
 
 @pytest.mark.long
 def test_a_plug_stands_on_a_floor_that_holds_more_than_its_weight():
-    """From rest at once; and where it has slid to a stop, though then the step changes, which ends at an output."""
+    """A plug stands from rest at once, and after it has slid to a stop, also where the step is cut short by an
+    output."""
     scene = film(mps.Friction(yield_value=1.05 * WEIGHT), STIFF)
     sim = mps.Simulation(scene)
     sim.run(until=0.5)
@@ -101,7 +103,8 @@ class OnFloor(System):
 
 
 def test_the_matrix_at_a_floor_with_friction_is_symmetric_positive_definite():
-    """It resists sliding along the floor by friction and layer in series: more than inertia, less than no slip."""
+    """The resistance to sliding along the floor, friction and layer in series, is more than inertia and less than no
+    slip."""
     law = mps.Friction(yield_value=10.0, viscous_constant=500.0)
     rubs, holds = OnFloor(1000.0, friction=law), OnFloor()
     A, _blocks = rubs.dense()

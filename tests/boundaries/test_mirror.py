@@ -1,4 +1,5 @@
-"""Half and quarter models: the body behind the mirror planes, the sums beside them, and runs against the whole."""
+"""Half and quarter models: the body unfolded at the mirror planes, the sums beside them, and runs against the whole
+model."""
 
 from dataclasses import replace
 
@@ -33,7 +34,8 @@ def moving(x):
 
 # ---- the body behind the planes -------------------------------------------------------------------------------
 def test_a_quarter_unfolds_to_the_four_quarters():
-    """Exact: the planes lie on the axes; tangential parts stay, normal parts change sign."""
+    """Unfolding mirrors positions and velocities at the axes exactly: tangential parts stay, normal parts change
+    sign."""
     x = cloud((4, 4, 3)) + 1.0
     part = moving(x)
     whole = scene(x, (FLOOR_3D, EAST_3D, NORTH_3D), domain=((-1.0,) * 3, (3.0,) * 3)).unfold(part)
@@ -74,7 +76,8 @@ def test_the_cone_is_part_of_the_whole_lattice(model, parts, axes):
 
 
 def test_no_particle_starts_on_a_mirror_plane():
-    """Where the whole cone has particles on its middle, its parts take the lattice that has none there."""
+    """Where the lattice of the whole cone has particles on a mirror plane, its half and quarter take a lattice without
+    them."""
     assert np.any(np.abs(mps.slump_cone(spacing=0.02).fluid[:, 0]) < 1e-9)
     x = mps.slump_cone(spacing=0.02, model="quarter").fluid
     assert x[:, :2].min() == pytest.approx(0.01)
@@ -102,14 +105,15 @@ def on_the_right(rig, values):
 
 
 def test_symmetric_linear_fields_have_the_gradient_of_the_whole(rigs):
-    """u_x = a x, u_y = b + c y: exact on any particles, in the half as in the whole model."""
+    """The gradient of u_x = a x, u_y = b + c y is exact on any particles, in the half and in the whole model."""
     exact = np.diag([0.7, -0.4])
     for rig in rigs:
         assert np.abs(rig.gradients(rig.x @ exact + (0.0, 0.2))[rig.healthy] - exact).max() < 1e-12
 
 
 def test_forces_are_those_of_the_whole_far_from_the_plane_and_never_along_it(rigs):
-    """A stress without shear: the plane pushes along its normal only; along it the forces sum to nothing."""
+    """Under a stress without shear the forces far from the mirror plane are those of the whole model, and the plane
+    exerts no force along itself."""
     half, whole = rigs
     forces = []
     for rig in rigs:
@@ -128,8 +132,9 @@ def test_forces_are_those_of_the_whole_far_from_the_plane_and_never_along_it(rig
     ids=["2-D", "half", "quarter"],
 )
 def test_corners_count_every_neighbour_once(d, mirrors, tolerance):
-    """A lattice on a floor, cut by mirror planes: n, packing and neighbours are those of the whole lattice there. With
-    half-spaces that overlap the corner would be 3 to 14 % too dense. The rest is the interpolation of the tables."""
+    """Number density, packing and neighbours of a lattice on a floor, cut by mirror planes, are those of the whole
+    lattice within the interpolation of the tables; overlapping half-spaces would make the corner 3 to 14 % too
+    dense."""
     size = 0.55 if d == 2 else 0.35
     low, high = -size * np.ones(d), size * np.ones(d)
     low[-1], high[-1] = 0.0, 0.4
@@ -163,8 +168,9 @@ def cone_scenes(spacing, slip=False, **keywords):
 
 @pytest.mark.long
 def test_a_quarter_of_the_cone_slumps_as_the_whole():
-    """To rest on a frictionless floor, where the whole height flows: slump within a fifth of a spacing, spread within
-    one (docs/limits.md). On a floor that holds: rows slump_*_quarter of the validation table."""
+    """On a frictionless floor, where the whole height flows, a quarter comes to rest within a fifth of a spacing in
+    slump and one in spread of the whole cone (docs/limits.md). Floors with friction: rows slump_*_quarter of the
+    validation table."""
     quarter, whole = (mps.Simulation(scene) for scene in cone_scenes(0.015, slip=True, yield_value=500.0))
     for sim in (quarter, whole):
         sim.run()

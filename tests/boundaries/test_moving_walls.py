@@ -1,4 +1,4 @@
-"""Walls that change their place, and thin ones with fluid on both sides: what they carry along, and what they part."""
+"""Moving walls, and thin ones with fluid on both sides: what they carry along, and that they separate the fluid."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def test_where_a_travelling_wall_is():
 
 
 def test_fluid_behind_a_thin_wall_is_not_felt():
-    """Fit, density and packing of the particles inside are the same with other particles outside, and without any."""
+    """Fit, density and packing of the particles inside do not depend on the particles outside of a thin wall."""
     x = cloud((7, 7, 7))
     axial = np.abs(x[:, 2]) < 0.15
     x = x[(SHEET.distance(x) > 0.01) & axial]
@@ -46,7 +46,7 @@ def test_fluid_behind_a_thin_wall_is_not_felt():
 
 
 def test_nothing_passes_through_a_thin_wall_and_all_may_pass_its_rim():
-    """Random moves of up to half a spacing from both sides of a mould that is lifted."""
+    """Random moves of up to half a spacing pass no lifted mould from either side, except below its rim."""
     rng = np.random.default_rng(5)
     mould = replace(SHEET, velocity=0.25)
     x = rng.uniform(-0.45, 0.45, (4000, 3))
@@ -108,8 +108,8 @@ def moved(walls, until):
     ],
 )
 def test_a_unilateral_wall_pushes_a_block_and_does_not_pull_it(sign, unilateral):
-    """A block on a smooth floor: a board moves it at its speed, and leaves it where it is if the board is drawn away
-    and unilateral; one that is not takes it along."""
+    """A board pushes a block on a smooth floor at its speed; drawn away it leaves the block if it is unilateral, and
+    takes it along if not."""
     floor = mps.Plane((0.0, 0.0), (0.0, 1.0), slip=True)
     board = mps.Plane((0.0, 0.0), (1.0, 0.0), velocity=(sign * 0.2, 0.0), slip=True, loose=unilateral)
     taken = sign > 0.0 or not unilateral
@@ -132,7 +132,8 @@ def through(scene, s):
 
 @pytest.mark.long
 def test_the_mould_holds_the_concrete_and_is_lifted_off_it():
-    """Nothing leaks through the sheet, nothing sticks in it, and the end is that of the instant removal within l0."""
+    """Nothing leaks through a lifted mould or sticks to it, and the final shape is that of instant removal within
+    l0."""
     scene = lifted(until=3.0)
     sim, again = mps.Simulation(scene), mps.Simulation(scene)
     for _ in range(6):

@@ -1,5 +1,5 @@
-"""Bars as thick as a particle and thinner, as report/sentences.py tells of them: beside the drag of an array of
-cylinders, and beside bars four particles thick."""
+"""Bars one particle thick and thinner: their drag against that of an array of cylinders and of bars four particles
+thick; report/sentences.py states these errors."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def flow(diameter, material, force):
 @pytest.mark.slow
 @pytest.mark.parametrize("diameter", [0.64 * L0, pytest.param(0.4 * L0, marks=pytest.mark.long)])
 def test_a_bar_resists_a_flow_across_it_by_up_to_a_quarter_too_little(diameter):
-    """Newtonian, at a mean velocity of 1 cm/s."""
+    """The drag in a Newtonian fluid at a mean velocity of 1 cm/s is 0 to 25 % below the exact one."""
     exact = drag(np.pi * diameter**2 / (4.0 * SIDE**2)) * ETA
     velocity, scene = flow(diameter, mps.Newtonian(density=DENSITY, viscosity=ETA), 0.01 * exact)
     assert 0.75 < 0.01 / velocity < 1.0
@@ -64,7 +64,7 @@ BINGHAM = {1: 26.05, 10: 161.0}
 @pytest.mark.slow
 @pytest.mark.parametrize("bingham_number", BINGHAM)
 def test_a_bar_one_particle_thick_resists_as_a_finer_run_within_a_tenth(bingham_number):
-    """A tenth less force drives the fluid more slowly than the finer run at 1 cm/s, a tenth more faster."""
+    """The velocity of the finer run, 1 cm/s, lies between those driven by a tenth less and a tenth more force."""
     material = mps.Bingham(density=DENSITY, yield_value=bingham_number * ETA * 0.01 / L0, plastic_viscosity=ETA)
     force = BINGHAM[bingham_number] * ETA * 0.01
     assert flow(L0, material, 0.9 * force)[0] < 0.01 < flow(L0, material, 1.1 * force)[0]

@@ -1,4 +1,5 @@
-"""Walls without wall particles: what they add to a neighbourhood, their balance, and what they keep out."""
+"""Walls without wall particles: their part of number density and forces, their balance, and that nothing passes
+them."""
 
 import numpy as np
 import pytest
@@ -55,7 +56,8 @@ def rig(request):
 
 
 def test_number_density_and_neighbours_are_those_of_the_full_lattice(rig):
-    """To the linear interpolation of the table; the count is a step function of the distance."""
+    """Number density and neighbour count beside walls are those of the full lattice within the linear interpolation of
+    the table; the count is a step function of the distance."""
     interior = (rig.depth > RE) & (rig.depth < HEIGHT - RE)
     n, around = rig.gradient.n.to_numpy(), rig.gradient.neighbour_count.to_numpy()
     assert np.abs(n / rig.lattice.n0 - 1.0).max() < 1e-3
@@ -65,8 +67,8 @@ def test_number_density_and_neighbours_are_those_of_the_full_lattice(rig):
 
 
 def test_uniform_pressure_hardly_pushes_a_lattice(rig):
-    """Nothing in the bulk; at the wall under 1 % of p/l0 (0.75 % in 2-D, 0.51 % in 3-D), because the moment of the
-    second ghost layer is that of a velocity mirrored at the wall, not of the lattice."""
+    """A uniform pressure exerts no force in the bulk, and at the wall less than 1 % of p/l0 (0.75 % in 2-D, 0.51 % in
+    3-D), because the moment of the second ghost layer is that of a mirrored velocity, not of the lattice."""
     F = rig.press(1000.0, 0.0)
     assert np.abs(F[rig.far]).max() < 1e-9
     assert np.abs(F[:, :-1]).max() < 1e-9
@@ -82,7 +84,7 @@ def test_hydrostatic_pressure_carries_the_weight(rig):
 
 
 def test_crowding_balances_the_lattice(rig):
-    """The ghosts pull as much to the wall as the particles on the other side pull away from it."""
+    """The crowding of the ghosts cancels that of the particles on the other side."""
     rig.add(0.0)
     first = np.abs(rig.x[:, -1] - 0.5 * L0) < 0.1 * L0
     r = rig.x[None] - rig.x[first][:, None]
@@ -177,7 +179,7 @@ def curved(request):
 
 
 def test_force_at_curved_walls_is_the_negative_transpose_of_the_gradient(curved):
-    """Of a random velocity and a random stress, each of those before the walls alone."""
+    """At curved walls the power of a random stress in a random velocity is the negative of the work of its forces."""
     rng, (n, d) = np.random.default_rng(6), curved.x.shape
     near = np.min([wall.distance(curved.x) for wall in curved.planes], axis=0) < L0
     u, T = rng.standard_normal((n, d)) * near[:, None], rng.standard_normal((n, d, d)) * near[:, None, None]
@@ -187,7 +189,7 @@ def test_force_at_curved_walls_is_the_negative_transpose_of_the_gradient(curved)
 
 @pytest.mark.parametrize("case", ["between circles", pytest.param("pipe", marks=pytest.mark.long)])
 def test_turning_with_the_walls_is_exact_and_meets_no_resistance(case):
-    """Gradient, stress and non-affine resistance of a solid rotation between co-rotating walls, to rounding."""
+    """Gradient, stress and hourglass resistance of a rigid rotation between co-rotating walls are exact to rounding."""
     d, walls = CURVED[case]
     system = System(inside(walls, d), planes=walls)
     wall = walls[0]
@@ -208,7 +210,8 @@ def test_turning_with_the_walls_is_exact_and_meets_no_resistance(case):
 
 @pytest.mark.parametrize("wall", [mps.Cylinder((0.0, 0.0), 1.0), mps.Cylinder((0.0, 0.0), 1.0, inside=False)])
 def test_curved_ghosts_complete_rings(wall):
-    """R = 10 l0: rings in front of the wall have n = n0 to 0.6 %; a flat wall would miss it by 1.1 to 1.5 %."""
+    """At R = 10 l0 rings in front of a curved wall have n = n0 to 0.6 %; with a flat wall 1.1 to 1.5 % would be
+    missing."""
     x = mps.rings(0.6, 1.0, L0) if wall.inside else mps.rings(1.0, 1.4, L0)
     rig = Rig(x, planes=(wall,))
     first = wall.distance(rig.x) < L0

@@ -1,5 +1,4 @@
-"""A case file says what a command line says: the same scene, numerics and options, and a run that is the same bit by
-bit."""
+"""A case file is equivalent to a command line: the same scene, numerics and options, and the same run bit by bit."""
 
 import pytest
 

@@ -107,7 +107,8 @@ def results(folder):
 
 
 def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
-    """By SIGKILL; each time what was written before can be read. 20 times: TAICHI_MPS_KILLS=20 pytest -n0 -k killed."""
+    """After each SIGKILL what was written can be read, and the resumed run ends with the same bits. 20 kills:
+    TAICHI_MPS_KILLS=20 pytest -n0 -k killed."""
     kills, dice = int(os.environ.get("TAICHI_MPS_KILLS", 1)), random.Random()
     here, reference = work / "killed", RunFolder(whole[0])
     here.mkdir()

@@ -1,5 +1,5 @@
-"""Unusual environments of the program: without streams, in another encoding or home, with little memory; each ends as
-it should, and says in one line what it cannot do."""
+"""Unusual environments of the program: without streams, in another encoding or home, with little memory; each run ends
+as it should or is refused in one line."""
 
 import os
 import resource

@@ -1,7 +1,7 @@
-"""Whatever comes from outside is taken, or refused in one clear message: no crash, no hang, nothing half written.
+"""Any outside input is accepted or refused in one clear message: no crash, no hang, no partly written file.
 
-Generated command lines, scenes, meshes, checkpoints and run folders. 25 of each here; thousands by
-``pytest -n0 tests/test_front_door.py --hypothesis-profile thorough``. No Taichi: a command stops where it would start.
+Generated command lines, scenes, meshes, checkpoints and run folders. 25 of each here; thousands by ``pytest -n0
+tests/test_front_door.py --hypothesis-profile thorough``. No Taichi: a command stops where it would start.
 """
 
 import contextlib

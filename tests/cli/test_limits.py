@@ -1,5 +1,5 @@
-"""Proves that what cannot be read to its end in seconds is refused in one line: files too large, pipes, devices,
-folders, a checkpoint of particles that are nowhere. No SceneError names another file."""
+"""Input that cannot be read in seconds is refused in one line that names the file: files too large, pipes, devices,
+folders, a checkpoint with particles outside of any domain."""
 
 import os
 from dataclasses import replace
@@ -57,7 +57,7 @@ def test_the_digest_of_a_case_reads_no_file_without_end(tmp_path):
 
 
 def test_a_checkpoint_holds_particles_of_its_domain():
-    """One that leaves the domain ends the run: in a checkpoint it may be beyond the edge, and no domain away."""
+    """A checkpoint may hold a particle beyond the edge of its domain, which ends the run, but none a domain away."""
     scene = catalogue.build("slump", spacing=0.05)
     x = np.array(scene.fluid)
     header = {"source": "slump", "parameters": {}, "scheme": "implicit", "numerics": {}}

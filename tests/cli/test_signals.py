@@ -1,4 +1,4 @@
-"""Signals and closed pipes: the program ends quietly and leaves nothing half made, whenever they come."""
+"""Signals and closed pipes end the program quietly and leave no partly written file, whenever they come."""
 
 import os
 import re

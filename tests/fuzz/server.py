@@ -1,4 +1,4 @@
-"""The server of the page under random requests and questions: it goes on, answers, and gives nothing away."""
+"""Random requests and questions to the server of the page: it keeps running, answers, and discloses no file."""
 
 import json
 import random

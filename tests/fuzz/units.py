@@ -1,4 +1,4 @@
-"""Texts of a number with a unit, whose right value is known since they are made from it, and the same texts damaged."""
+"""Texts of a number with a unit, made from a known value, and the same texts damaged."""
 
 import random
 from fractions import Fraction

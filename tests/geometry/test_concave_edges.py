@@ -1,4 +1,4 @@
-"""Concave edges of solids: faces found from the distances alone, and sums in front of them against planes."""
+"""Concave edges of solids: faces found from the distances alone, and sums in front of them against those of planes."""
 
 from dataclasses import replace
 
@@ -36,7 +36,8 @@ def upright(d, seed):
     ids=["edge", "turned", "wedge", "corner", "turned corner"],
 )
 def test_all_faces_of_an_inner_edge_are_found_where_they_are(normals):
-    """The distance of each, to rounding of nearly all and within a twentieth of a cell of the grid, and no others."""
+    """At an inner edge or corner all faces and no others are found, with their distances to rounding at nine places in
+    ten and within a twentieth of a cell at all."""
     d, point = len(normals[0]), np.array((0.01, 0.013, 0.02))[: len(normals[0])]
     solid = mps.Solid.of(lambda x: np.min((x - point) @ normals.T, axis=1), (-0.8,) * d, (0.8,) * d, CELL)
     number, planes = find_concave_edges(solid.values, CELL, REACH, search_faces)
@@ -79,7 +80,8 @@ def test_round_walls_outer_edges_and_plates_have_one_face(shape):
 
 
 def test_a_grid_coarser_than_the_reach_has_no_inner_edges():
-    """No place is near enough to a node of a corner to look for its other face from."""
+    """A cell larger than the reach has no inner edges, since no place is near enough to a corner to see its other
+    face."""
     x, y = np.meshgrid(np.arange(6.0), np.arange(6.0), indexing="ij")
     number, planes = find_concave_edges(np.minimum(x, y) - 1.0, 1.0, 0.5, search_faces)
     assert (number == -1).all() and len(planes) == 0
@@ -141,8 +143,9 @@ def rigged():
     ids=["one solid", "sides between planes"],
 )
 def test_a_tank_as_a_solid_acts_as_its_planes(walls, rigged):
-    """Turned against its grid. Forces to rounding; n, packing and neighbours within 2 %, the interpolation of the
-    tables, where one face alone, or all that lies behind two walls, would miss a tenth and more."""
+    """In a solid tank turned against its grid forces are those of planes to rounding, and n, packing and neighbours
+    within 2 %, the interpolation of the tables; one face alone, or overlapping half-spaces, would miss a tenth and
+    more."""
     sums, (forces, *exact, x) = rigged
     found_forces, *found, _x = sums(walls)
     corner = np.sort([plane.distance(x) for plane in PLANES], axis=0)[1] < L0
@@ -154,8 +157,8 @@ def test_a_tank_as_a_solid_acts_as_its_planes(walls, rigged):
 
 @pytest.mark.long
 def test_a_tank_with_friction_pushes_with_all_its_faces(rigged, monkeypatch):
-    """Before anything slips it acts as planes with friction but for the fit in corners, where only the nearest face has
-    friction: the forces there are wrong by a fifth of what they are without the other faces."""
+    """Before anything slips a solid tank acts as planes with friction, except in corners, where only the nearest face
+    has friction and the forces are wrong by a fifth of the other faces' part."""
     sums, _rough = rigged
     law = mps.Friction(yield_value=10.0)
     exact, *_, x = sums(tuple(replace(plane, friction=law) for plane in PLANES))

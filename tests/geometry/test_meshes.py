@@ -1,4 +1,5 @@
-"""Proves that a mesh as CAD writes it is repaired, its bodies united, and said so, or refused with file and place."""
+"""A mesh as CAD programs write it is repaired, its bodies united and the repair reported, or it is refused with file
+and place."""
 
 import re
 import shutil
@@ -93,7 +94,7 @@ SOLIDS = {  # triangles, volume of the solid, what is said
 
 @pytest.mark.parametrize("name", SOLIDS)
 def test_a_mesh_is_the_solid_that_was_meant(tmp_path, name):
-    """Its volume is exact, its distance negative in it; where nothing is wrong nothing is said."""
+    """The volume of a mesh is exact and its distance is negative inside; a sound mesh gives no message."""
     triangles, right, words = SOLIDS[name]
     points, faces, said = told(stl(tmp_path / "mesh.stl", triangles))
     assert volume(points, faces) == pytest.approx(right, rel=1e-5)
@@ -162,7 +163,8 @@ def as_text(triangles):
 
 
 def test_files_as_other_programs_write_them(tmp_path):
-    """A suffix and keywords in capitals, several solids in a file, faces of four corners; commas are named."""
+    """Suffixes and keywords in capitals, several solids in a file and quadrilaterals are read; decimal commas are
+    refused by name."""
     text, quads = as_text(box()), [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = "".join("f {} {} {} {}\n".format(*(corner + 1 for corner in quad)) for quad in quads)
     good = {
@@ -204,7 +206,7 @@ def assembly(tmp_path):
 
 @pytest.mark.parametrize("unit", [pytest.param("m", marks=pytest.mark.slow), "mm", "inch"])
 def test_a_step_file_has_its_own_unit_and_its_bodies_their_names(assembly, unit):
-    """A known box, exactly; a round body as near to its own as it is said."""
+    """A STEP file of a known box is read exactly, and a round body within the stated tolerance."""
     pytest.importorskip("cascadio")
     size, name = UNITS[unit]
     assembly.write_text(assembly.read_text().replace(MILLIMETRE, name))
@@ -250,7 +252,7 @@ def test_a_damaged_step_file_is_one_line_and_what_is_missing_is_named(assembly, 
 
 
 def test_a_form_is_open_at_its_highest_face(tmp_path):
-    """A step of 1 m beside one of 2 m: above the higher one goes on, with the walls that it has, and there alone."""
+    """A form with a step of 1 m beside one of 2 m is open above the higher one alone, and its walls go on there."""
     path = stl(tmp_path / "steps.stl", np.vstack([box(), box((1, 0, 0), (2, 1, 2))]))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -260,7 +262,7 @@ def test_a_form_is_open_at_its_highest_face(tmp_path):
 
 
 def test_files_that_promise_more_than_they_hold(tmp_path):
-    """A header that counts 4e9 triangles, one without end, corners that are no numbers: refused."""
+    """Meshes whose header counts 4e9 triangles, without an end, or with coordinates that are no numbers are refused."""
     head = "ply\nformat {}\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
     bad = {
         "a.stl": bytes(80) + np.uint32(4_000_000_000).tobytes() + bytes(500),

@@ -1,4 +1,4 @@
-"""Walls of any shape: the sampled distance against exact surfaces, meshes good and bad, thin plates, no leak."""
+"""Walls of any shape: the sampled distance against exact surfaces, good and bad meshes, thin plates, no leak."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def seen(wall, x, time=0.0):
 
 
 def test_a_flat_solid_is_exact_wherever_it_has_travelled_to():
-    """A distance that is linear is met to rounding, by the kernels and by NumPy."""
+    """A linear distance is interpolated to rounding by the kernels and by NumPy, also after the solid has moved."""
     normal = np.array([1.0, 2.0, -2.0]) / 3.0
     solid = mps.Solid.of(lambda x: x @ normal - 0.1, (-1.0,) * 3, (1.0,) * 3, 0.07, velocity=(0.3, 0.0, 0.0))
     x = np.random.default_rng(1).uniform(-0.9, 0.9, (60, 3))
@@ -40,7 +40,7 @@ def test_a_flat_solid_is_exact_wherever_it_has_travelled_to():
 
 @pytest.mark.long
 def test_a_sampled_pipe_comes_near_the_exact_one_with_second_order():
-    """Distance to cell^2/(4 R) and a bit, normal to cell/R, near the wall."""
+    """Near the wall the distance to a sampled pipe is within about cell^2/(4 R), and its normal within cell/R."""
     x = np.random.default_rng(3).uniform(-0.3, 0.3, (300, 3))
     x = x[np.abs(PIPE.distance(x)) < RE]
     errors = []
@@ -55,8 +55,8 @@ def test_a_sampled_pipe_comes_near_the_exact_one_with_second_order():
 
 @pytest.mark.parametrize(("dimension", "across"), [(2, 10), (3, 8)])
 def test_what_a_solid_hides_is_what_lies_beyond_it(dimension, across):
-    """Of every pair of particles around a bar: hidden where the point between them at the ratio of their distances lies
-    in the bar. Most are not asked for that point: far from the bar none can be hidden."""
+    """A pair of particles around a bar is hidden where the point that divides their connection in the ratio of their
+    distances lies in the bar. Most pairs are not tested: far from the bar none can be hidden."""
     bar = mps.Solid.of(
         lambda x: np.hypot(x[:, 0] - 0.01, x[:, -1] + 0.02) - 0.3 * L0, (-0.7,) * dimension, (0.7,) * dimension, 0.02
     )
@@ -90,7 +90,7 @@ def tank(material, walls, width=1.0, depth=0.6, **keywords):
 
 @pytest.mark.slow
 def test_a_thin_plate_holds_a_column():
-    """A column between a box and a plate half a spacing thick: after 0.5 s nothing is on its other side."""
+    """A plate half a spacing thick holds a column in a box: after 0.5 s no particle is on its other side."""
     l0 = 0.05
 
     def distance(x):
@@ -106,7 +106,8 @@ def test_a_thin_plate_holds_a_column():
 
 
 def test_nothing_leaks_where_walls_meet():
-    """A block collapses in a tilted box with a step, one solid: past its inner and outer edge and into its corners."""
+    """A block that collapses in a tilted box with a step, one solid, does not leak at inner and outer edges and
+    corners."""
     tilt = 0.3
     Q = np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
     box = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 1.2), (0.0, 1.2)])
@@ -138,7 +139,7 @@ def write(path, triangles=CUBE, points=CORNERS):
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
 def test_distances_from_a_cube(tmp_path, suffix):
-    """In any format, in mm, facing in or out."""
+    """The distance from a cube is exact in any format, in mm, and with its triangles oriented inward or outward."""
     pytest.importorskip("igl")
     for triangles in (CUBE, CUBE[:, ::-1]):
         points, read = read_mesh(write(tmp_path / f"cube.{suffix}", triangles, 1000.0 * CORNERS), scale=0.001)
@@ -188,7 +189,8 @@ def test_a_bad_grid_is_refused(make, message):
 
 
 def test_the_section_is_where_the_distance_is_zero():
-    """A circle, and a sphere cut off its middle: lines on it within cell^2/(4 R), as long as it is round."""
+    """The section of a cylinder and of a sphere cut off its middle are circles within cell^2/(4 R), with their
+    circumference."""
     for d, radius in ((2, 0.3), (3, (0.3**2 - 0.1**2) ** 0.5)):
         ball = mps.Solid.of(lambda x: np.linalg.norm(x, axis=1) - 0.3, (-0.5,) * d, (0.5,) * d, 0.02)
         lines = np.array(ball.section(0.1))
@@ -209,7 +211,7 @@ def test_a_solid_is_drawn_where_it_has_travelled_to():
 
 
 def test_thickness_is_that_of_a_bar_wherever_its_axis_lies():
-    """Never more than the diameter, and a tenth less at most, on a grid of 2.5 cells across it."""
+    """On a grid of 2.5 cells across a bar its thickness is never more than the diameter, and at most a tenth less."""
     for place in np.random.default_rng(1).uniform(0.0, 0.004, (20, 2)):
         bar = mps.Solid.of(lambda x, p=place: np.linalg.norm(x - p, axis=1) - 0.005, (-0.02,) * 2, (0.02,) * 2, 0.004)
         assert 0.009 < bar.thickness <= 0.01 + 1e-12

@@ -1,4 +1,4 @@
-"""A flipped bit in what a run has stored is noticed, or changes nothing of what is read."""
+"""A flipped bit in a stored file of a run is reported, or changes nothing that is read."""
 
 import random
 

@@ -71,7 +71,7 @@ def test_history_has_the_documented_columns_and_one_row_a_step(run):
 
 @pytest.mark.parametrize(("stopped_by", "error"), [("interrupted", None), ("diverged", "too fast")])
 def test_summary_is_strict_json_and_names_the_checkpoint(run, stopped_by, error):
-    """After a divergence that is the last good output."""
+    """After a divergence the summary names the checkpoint of the last good output."""
     run.sim.time = 99.0 if error else run.sim.time
     run.recorder.finish(stopped_by, error)
     summary = json.loads(run.folder.summary.read_text(), parse_constant=pytest.fail)
@@ -107,7 +107,7 @@ def test_trajectory_is_temporal_vtkhdf_polydata(run):
 
 @pytest.mark.parametrize("model", ["full", "axisymmetric"])
 def test_a_replay_gives_snapshots_and_measures_back(tmp_path, model):
-    """Of rings run.h5 keeps the section and their sizes; slump and spread are those of the revolved body."""
+    """Of rings run.h5 keeps the section and the sizes, and replayed slump and spread are those of the revolved body."""
     sim = Falling(catalogue.build("slump", spacing=0.02, model=model, until=1.0))
     sizes = np.linspace(0.01 if model == "axisymmetric" else 0.02, 0.02, len(sim.scene.fluid))
     trajectory = Trajectory(tmp_path / "run.h5")
@@ -148,7 +148,8 @@ def test_outputs_that_a_run_goes_on_from(run, more, cut, left):
 
 
 def test_a_run_resumed_at_its_end_keeps_its_last_output_and_the_measures_of_its_last_step(tmp_path, slump):
-    """Loads on walls are known after a step alone."""
+    """A run resumed at its end keeps the measures of its last step, such as loads on walls, which are known after a
+    step only."""
     folder, sim, recorder = recorded(tmp_path / "run", 3, scene=replace(slump, until=0.034))
     sim.time = 0.034
     recorder.trajectory.append(sim.snapshot())
@@ -188,7 +189,8 @@ except OSError as error:
 
 
 def test_a_full_disk_is_an_error_and_the_last_checkpoint_stays(tmp_path):
-    """HDF5 itself ends the process where it cannot write when it closes a file."""
+    """A full disk raises an error, although HDF5 itself would end the process where it cannot write on closing a
+    file."""
     (tmp_path / "checkpoint.h5").write_bytes(b"the last one")
     command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "checkpoint.h5")]
     assert subprocess.run(command, capture_output=True, text=True, timeout=60).stdout == "OSError\n"
@@ -197,8 +199,8 @@ def test_a_full_disk_is_an_error_and_the_last_checkpoint_stays(tmp_path):
 
 @pytest.mark.parametrize("links", [True, False])
 def test_outputs_are_added_beside_run_h5_while_viewers_keep_it_open(run, monkeypatch, links):
-    """A process that is killed in the middle of an output leaves the run.h5 of the output before, bit for bit. On a
-    disk without links, and a full one, too."""
+    """A process killed during an output leaves run.h5 of the previous output bit for bit, also on a disk without links,
+    and on a full one."""
 
     def refused(*_):
         raise OSError("no links here")
@@ -222,7 +224,8 @@ def test_outputs_are_added_beside_run_h5_while_viewers_keep_it_open(run, monkeyp
 
 
 def test_vtk_reads_the_times_the_points_and_the_fields(run):
-    """By the reader of ParaView; 5.12 has that of VTK 9.3, which is why the test asks for no more."""
+    """ParaView's reader gives back times, points and fields; ParaView 5.12 has that of VTK 9.3, so newer features are
+    not tested."""
     hdf = pytest.importorskip("vtkmodules.vtkIOHDF", reason="vtk is not installed: pip install 'taichi-mps[vtk]'")
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as Pipeline
@@ -245,7 +248,8 @@ def test_vtk_reads_the_times_the_points_and_the_fields(run):
 
 
 def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
-    """A plane scene lies at y = 0; a smooth surface has triangles, and is refused where there can be none."""
+    """An export of a plane scene lies at y = 0; a smooth surface has triangles, and is refused where there can be
+    none."""
     _, sim, recorder = recorded(tmp_path / "run", 2, scene=plane)
     outputs = recorder.trajectory.replay(scene=plane)
     assert export.vtu(outputs, tmp_path / "vtu") == 3
@@ -270,7 +274,8 @@ def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
 
 @pytest.mark.parametrize("model", ["full", "quarter", "axisymmetric"])
 def test_the_surface_of_a_part_is_that_of_the_whole_body(model):
-    """Closed, around the volume of the paper's cone, with normals outward and the fields of the particles."""
+    """The surface of a part is closed around the volume of the paper's cone, with normals outward and the fields of the
+    particles."""
     scene = catalogue.build("slump", spacing=0.0125, model=model)
     x = scene.fluid
     part = replace(
@@ -304,7 +309,8 @@ def test_the_surface_of_a_part_is_that_of_the_whole_body(model):
     ],
 )
 def test_a_run_with_damage_in_an_output_is_refused_before_anything_is_made_of_it(run, capsys, member, damage):
-    """They made the films wait for ever, the revolved body larger than memory and the painter fail."""
+    """Damaged outputs, on which film, revolved body or painter would hang or exhaust memory, are refused before a file
+    is written."""
     run.recorder.finish("time")
     with h5py.File(run.folder.trajectory, "r+") as file:
         root = file["VTKHDF"]
@@ -337,7 +343,7 @@ def test_a_film_has_every_picture(tmp_path):
 
 
 def test_a_run_that_goes_on_between_two_outputs_has_none_of_it(run):
-    """What is resumed leaves the files of a run that was never stopped."""
+    """A run resumed between two outputs writes the files of a run that was never stopped."""
     whole = run.folder.trajectory.read_bytes()
     run.sim.time, run.sim.steps = 0.034, 4
     again = Recorder(run.folder, run.sim, 0.01, "slump", {"every": 0.01})
@@ -369,7 +375,8 @@ def test_a_measure_that_fails_at_the_start_or_later_keeps_its_column(tmp_path):
 
 
 def test_the_row_of_the_checkpoint_is_kept_however_its_time_is_rounded(tmp_path):
-    """Nine digits are up to 5e-9 away from the time that the checkpoint holds; the next step is farther."""
+    """The row of the checkpoint is kept although its time of nine digits is up to 5e-9 s off; the next step is farther
+    away."""
     for time in (1.0000000049, 0.0458282506501, 0.3):
         history = History(tmp_path / "history.csv")
         history.add({"time_s": time})
@@ -459,7 +466,8 @@ def test_a_checkpoint_comes_back_bit_for_bit(tmp_path, slump):
 
 @pytest.mark.parametrize("left", [b"", None])
 def test_a_lost_checkpoint_is_refused_by_name_and_the_previous_one_used(tmp_path, slump, left):
-    """Other damage: tests/cli/test_front_door.py."""
+    """A missing checkpoint is refused by name and the previous one used; for other damage see
+    tests/cli/test_front_door.py."""
     path, sim = tmp_path / "checkpoint.h5", Falling(slump)
     checkpoint.save(sim, path)
     sim.time = 0.5

@@ -1,4 +1,5 @@
-"""One writer in a run folder: a second is refused before it does anything, readers are not; the killed hold nothing."""
+"""A run folder has one writer: a second one is refused before it does anything, readers are not, and a killed process
+holds no lock."""
 
 import os
 import signal
@@ -71,7 +72,7 @@ def test_one_process_writes_into_several_folders_but_once_into_each(tmp_path):
 
 
 def test_a_lock_that_its_holder_removes_meanwhile_is_taken_anew(tmp_path, monkeypatch):
-    """Between the opening of the file and the lock on it the holder ends, and takes the file with it."""
+    """A lock file that its holder removes between opening and locking is opened again."""
     fcntl = pytest.importorskip("fcntl", reason="a file that is open cannot be removed here")
     first, taken = lock.held(tmp_path), fcntl.flock
     first.__enter__()

@@ -29,8 +29,8 @@ def folder(tmp_path):
 
 
 def test_a_checkpoint_goes_on_as_it_would_have_gone_on_there(folder):
-    """All that it holds is read. Two steps later the places are those of that version within a twentieth of a spacing:
-    the strain rate of a step has become that of its end."""
+    """All fields of an older checkpoint are read, and two steps later positions are those of that version within a
+    twentieth of a spacing; the strain rate is now that of the end of a step."""
     state, then = checkpoint.read(folder.checkpoint), np.load(WRITTEN / "next.npz")
     sim = state.resume(state.admit(state.scene()))
     for name, array in sim.particles.read().items():
@@ -63,7 +63,7 @@ def test_every_file_is_read(folder):
 
 
 def test_a_number_that_records_get_later_leaves_a_checkpoint_good_until_it_is_given():
-    """Names of walls never count; what is usual does not."""
+    """Numbers added to a record since, at their defaults, and names of walls leave a checkpoint valid."""
 
     class Imagined(mps.Bingham):
         imagined_angle: float = 0.0

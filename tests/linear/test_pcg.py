@@ -1,4 +1,4 @@
-"""Conjugate gradients: known solutions, where they start, and how they end."""
+"""Conjugate gradients: known solutions, the start of a solve, and its end."""
 
 import numpy as np
 import pyamg
@@ -12,7 +12,8 @@ LAUNCHES = pytest.mark.parametrize("launch", [FUSED, LAUNCHED], ids=["fused", "l
 
 # ---- sparse matrices ----------------------------------------------------------------------------------------------
 def test_the_product_of_a_sparse_matrix_is_that_of_scipy():
-    """In some of the rows that there is room for; an empty row and one whose diagonal is negative are no unknowns."""
+    """The product is SciPy's where only some of the allocated rows are used; an empty row and one with a negative
+    diagonal are no unknowns."""
     rng = np.random.default_rng(1)
     a = sp.random(40, 40, 0.1, random_state=rng)
     a = (a + a.T).tolil()
@@ -68,8 +69,8 @@ def test_the_error_in_the_energy_norm_falls_from_step_to_step():
 # ---- where a solve starts ---------------------------------------------------------------------------------------
 @LAUNCHES
 def test_a_solve_goes_on_from_the_last_one(launch):
-    """The residual is known without A; a load that changes as it did last, or by a part of that, needs no iteration. No
-    more than the last change is taken: where that was next to nothing, it is rounding."""
+    """A load that changes as at the last solve, or by a part of that change, needs no iteration and no product with A.
+    At most the last change is extrapolated: where it was negligible, it is rounding."""
     rng = np.random.default_rng(11)
     a, (b, c) = spd(40), rng.standard_normal((2, 40))
     b[6:9], c[6:9] = 1e20, -1e20  # of a masked row
@@ -96,7 +97,7 @@ def test_nothing_to_do():
 # ---- when it stops ----------------------------------------------------------------------------------------------
 @LAUNCHES
 def test_a_guess_within_the_tolerance_is_improved_if_asked_for(launch):
-    """To 0.3 of its residual, but no further than to 1e-4."""
+    """A guess within the tolerance is improved to 0.3 of its residual on request, but not below 1e-4."""
     a, b = spd(40), np.random.default_rng(12).standard_normal(40)
     exact, off = np.linalg.solve(a, b), np.random.default_rng(13).standard_normal(40)
     operator = BlockOperator(a, 1)
@@ -112,7 +113,8 @@ def test_a_guess_within_the_tolerance_is_improved_if_asked_for(launch):
 
 @LAUNCHES
 def test_a_solve_that_need_not_be_better_stops_where_it_is_enough(launch):
-    """Of 1e-6: at the first iteration that takes off nine tenths, then at the first that takes off half."""
+    """With a tolerance of 1e-6 and ``enough`` of 0.1 or 0.5 a solve stops at the first iteration with that fraction of
+    its first residual."""
     a, b = spd(40), np.random.default_rng(14).standard_normal(40)
     operator = BlockOperator(a, 1)
     whole = solve(operator, b, tolerance=1e-6, launch=launch)[1].iterations
@@ -128,7 +130,8 @@ def test_a_solve_that_need_not_be_better_stops_where_it_is_enough(launch):
 
 
 def test_what_the_tolerance_is_relative_to_can_be_bounded():
-    """sqrt((r, z)) <= tolerance sqrt(most), where that is less than the norm of the right-hand side."""
+    """A solve ends at sqrt((r, z)) <= tolerance sqrt(most) where that is less than tolerance times the norm of the
+    right-hand side."""
     a, b = spd(40), np.random.default_rng(15).standard_normal(40)
     operator = BlockOperator(a, 1)
     norm = b @ (b / np.diag(a))

@@ -98,7 +98,7 @@ def test_linear_field_along_a_slip_wall_is_exact(walled):
 
 
 def test_force_is_the_negative_adjoint_of_the_gradient(rig):
-    """Without walls it conserves momentum."""
+    """The force of a stress is the negative adjoint of the gradient, and without walls it conserves momentum."""
     u, T = random_fields(rig)
     assert rig.imbalance(u, T) < ROUNDING
     F = rig.forces(T)
@@ -106,7 +106,8 @@ def test_force_is_the_negative_adjoint_of_the_gradient(rig):
 
 
 def test_forces_of_symmetric_stresses_conserve_angular_momentum(rig):
-    """Exactly where the gradient is exact for a rigid rotation: rows that needed no stiffening, away from walls."""
+    """Angular momentum is conserved to rounding where the gradient is exact for a rigid rotation: rows without
+    regularisation, away from walls."""
     T = random_fields(rig)[1]
     exact = rig.healthy.copy()
     for plane in rig.planes:
@@ -129,7 +130,8 @@ def test_single_and_paired_particles_carry_no_stress(cube):
 
 
 def test_surface_normal_is_one_at_a_flat_surface_and_points_into_the_lattice():
-    """Sums over the missing half by hand: one layer at the surface, of the second row only what is 2 l0 away."""
+    """The surface normal is that of sums over the missing half by hand: one layer at the surface, in the second row
+    only what is 2 l0 away."""
     rig = Rig(mps.lattice((-0.45,) * 3, (0.4,) * 3, L0))
     surface_normal, top = rig.gradient.surface_normal.to_numpy(), rig.x[:, -1].max()
     middle = np.all(np.abs(rig.x[:, :-1]) < 0.06, axis=1)

@@ -41,7 +41,8 @@ def full_lattice(dimension, weight=mps_weight):
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_smooth_weight_by_hand(dimension):
-    """w/r^2 is Wendland's kernel, of 4, 4 and 4 neighbours in two, 6, 12, 8 and 6 in three dimensions."""
+    """w/r^2 is Wendland's kernel, summed by hand over 4, 4 and 4 neighbours in two dimensions, 6, 12 and 8 and 6 in
+    three."""
     distances, many = ([1.0, 2.0, 4.0], [4, 4, 4]) if dimension == 2 else ([1.0, 2.0, 3.0, 4.0], [6, 12, 8, 6])
     q = np.sqrt(distances) / RE
     kernel = (1.0 - q) ** 4 * (4.0 * q + 1.0)
@@ -79,7 +80,7 @@ def test_ghosts_complete_the_lattice(dimension, layer, weight):
 
 @pytest.mark.parametrize(("kernel", "b"), [(PACKING, 10.0), (PACKING_IN_PLANE, 11.0)])
 def test_the_packing_kernel_is_the_window_of_kaiser_and_bessel(kernel, b):
-    """(I0(b sqrt(1 - q^2)) - 1)/(I0(b) - 1), 1 at the particle and 0 at the effective radius."""
+    """The packing kernel is (I0(b sqrt(1 - q^2)) - 1)/(I0(b) - 1), 1 at the particle and 0 at the effective radius."""
     q = np.linspace(0.0, 1.0, 101)
     assert np.abs(kernel(q) - (np.i0(b * np.sqrt(1.0 - q**2)) - 1.0) / (np.i0(b) - 1.0)).max() < 1e-7
 
@@ -92,8 +93,8 @@ def test_the_packing_kernel_is_the_window_of_kaiser_and_bessel(kernel, b):
     [[1.0, 0.0, 0.0], [0.25, 1.0, 0.0], [0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]],
 ])  # fmt: skip
 def test_packing_of_other_lattices_of_the_same_density(basis):
-    """Order does not matter to the packing: within 0.4 % each has that of the square or simple cubic lattice, with the
-    kernel of the plane within 0.06 %."""
+    """The packing does not depend on order: other lattices have that of the square or simple cubic lattice within 0.4
+    %, with the kernel of the plane within 0.06 %."""
     basis = np.array(basis)
     d = len(basis)
     basis /= abs(np.linalg.det(basis)) ** (1.0 / d)  # one particle in each unit of volume

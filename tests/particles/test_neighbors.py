@@ -72,7 +72,7 @@ def rig(request):
 
 @pytest.mark.parametrize("kind", SETS)
 def test_neighbours_are_those_of_brute_force_in_rows_ordered_by_cell_and_id(rig, kind):
-    """Whatever the order before."""
+    """Neighbours are those of brute force and rows are ordered by cell and id, whatever the order before."""
     x = rig.points(kind)
     rows = rig.load(x)
     listed = [(i, int(j)) for i, columns in enumerate(rig.pairs()) for j in columns]

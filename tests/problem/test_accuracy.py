@@ -1,4 +1,4 @@
-"""Expected errors, interpolated between measured ones; --accuracy: the cheapest model and spacing that reaches it."""
+"""Expected errors, interpolated between measured ones, and --accuracy: the cheapest model and spacing that reach it."""
 
 import json
 import math
@@ -60,7 +60,8 @@ def facts_of(scene) -> dict:
 
 
 def test_a_lifted_mould_adds_what_halves_of_spacing_and_step_change_at_most():
-    """By benchmarks/results/lifted.json: of what lifting changes of slump and slump flow, of three mixes and speeds."""
+    """The error added for a lifted mould is the largest change by halved spacing or step of the effect of lifting on
+    slump and slump flow, for three mixes and speeds of benchmarks/results/lifted.json."""
     kept = json.loads((Path(__file__).parents[2] / "benchmarks/results/lifted.json").read_text(encoding="utf-8"))[
         "points"
     ]
@@ -82,7 +83,8 @@ def test_a_lifted_mould_adds_what_halves_of_spacing_and_step_change_at_most():
 
 @pytest.mark.parametrize("times", [0.25, 4.0])
 def test_a_cone_of_another_size_has_the_errors_of_the_same_numbers(times):
-    """H times as high, the same tau_y/(rho g H) and eta/(rho sqrt(g H^3)): errors, in metres, are times as large."""
+    """A cone of another height with the same tau_y/(rho g H) and eta/(rho sqrt(g H^3)) has errors in proportion to its
+    height."""
     cone = dict(base_diameter=0.2 * times, top_diameter=0.1 * times, height=0.3 * times, spacing=0.01 * times)
     other = mps.slump_cone(yield_value=500.0 * times, plastic_viscosity=50.0 * times**1.5, **cone)
     _, _, usual = accuracy.errors_of_run(facts_of(mps.slump_cone(yield_value=500.0)))

@@ -1,4 +1,5 @@
-"""A law answers by its numbers, and a number that the chosen law has not is refused by name, wherever it is said."""
+"""A law is defined by its numbers; a number that the chosen law does not have is refused by name, however it is
+given."""
 
 import json
 from dataclasses import replace
@@ -76,8 +77,8 @@ def test_the_rate_at_the_stress_of_a_rate_is_that_rate(law):
 
 
 def test_a_class_of_ones_own_is_a_law_as_any(monkeypatch):
-    """Its curve and its growth are compiled with its numbers, tried, and named where they are none; it has a key of its
-    own among what is compiled once; as a parameter of a scene its numbers are keywords."""
+    """A user's law is compiled with its numbers, tested, and named in errors; it has its own key in the compile cache,
+    and as a parameter of a scene its numbers are keywords."""
     from taichi_mps.terms.rheology import OwnLaw
 
     mps.init(arch="cpu")
@@ -177,7 +178,8 @@ def test_python_refuses_a_number_that_the_law_has_not_or_cannot_have(call, messa
 
 
 def test_a_case_file_has_the_numbers_of_its_law_and_takes_those_of_one_written_before(tmp_path, capsys):
-    """A case of before 0.3 has all numbers, those without effect at their defaults."""
+    """A case file written before 0.3 has the numbers of all laws, those without effect at their defaults, and is
+    read."""
     case = tmp_path / "case.toml"
     assert main(["new", "slump", "--consistency", "20", "--flow-index", "0.5"]) == 0
     text = capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Materials: what follows from their numbers, and their form in a summary."""
+"""Materials: derived properties, and their form in a summary."""
 
 import json
 
@@ -37,7 +37,7 @@ def test_the_facts_of_a_material_are_json_with_its_law_its_numbers_and_the_names
 
 
 def test_a_rational_rate_is_a_number_once_the_time_is_known():
-    """min(0.01 tau_y/(2 eta), 0.01/T) = 0.01 min(3, 1/5)."""
+    """The rational critical strain rate is min(0.01 tau_y/(2 eta), 0.01/T) = 0.01 min(3, 1/5)."""
     mix = mps.Bingham(critical_strain_rate="rational")
     assert mix.knee_stress == mix.yield_value and not mix.rests
     assert mix.within(5.0).critical_strain_rate == pytest.approx(0.002, rel=1e-12)
@@ -64,7 +64,7 @@ def test_what_a_scene_is_told_of_concrete_is_the_simplest_law(given, law):
 
 
 def test_roussels_growth_of_the_yield_stress():
-    """tau_y (1 + lambda) grows by A at rest, and stays where a rate undoes as much: alpha rate lambda = A/tau_y."""
+    """The yield stress tau_y (1 + lambda) grows by A at rest, and is steady at alpha rate lambda = A/tau_y."""
     mix = mps.HerschelBulkley(yield_value=50.0, structuration=0.5, destructuration=0.005)
     assert mix.ages and 50.0 * mix.growth(0.0, 3.0) == pytest.approx(0.5)
     assert mix.growth(2.0, 0.01 / (0.005 * 2.0)) == pytest.approx(0.0, abs=1e-15)

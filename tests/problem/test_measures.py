@@ -27,7 +27,8 @@ def round_disc(radius):
 @pytest.mark.parametrize("disorder", [0.0, 0.1, 0.3])
 @pytest.mark.parametrize("spacing", [0.02, 0.01, 0.005])
 def test_spread_of_a_disc_is_that_of_its_volume_in_any_order(spacing, disorder):
-    """Within a third of l0, a sixth at each end; a disc of four layers would otherwise be up to 0.7 l0 too wide."""
+    """The spread of a disc of particles is that of its volume within a third of l0, a sixth at each end; that of its
+    outermost particles would be up to 0.7 l0 too wide."""
     errors = []
     for seed in range(4):
         s = filled(round_disc(0.16), spacing, disorder, seed)
@@ -52,8 +53,8 @@ def test_spread_of_an_ellipse_is_the_mean_of_its_diameters():
 
 
 def test_spread_of_a_thin_rim_is_read_too_short_but_not_by_more_than_if_it_were_pushed_together():
-    """A film of one particle, the outer X of which thins out as the root of the way to its edge, as what has come to
-    rest does. Pushed together to whole particles it ends X/3 before."""
+    """The spread of a one-particle film whose outer length X thins out as the square root of the distance from its
+    edge, as at rest, is read too short by at most X/3, the error of the film compressed to whole particles."""
     spacing, radius, rim = 0.005, 0.2, 0.03
     dice = np.random.default_rng(1)
 
@@ -93,7 +94,7 @@ def test_slump_is_the_drop_of_the_top():
 
 @pytest.mark.parametrize("low", [(0.0, 0.0), (0.0, 0.0, 0.0)])
 def test_the_front_is_that_of_the_body_and_not_of_a_drop_or_of_one_particle(low):
-    """A body of ten layers and a single layer end where they end, in any order; a drop ahead is not seen."""
+    """Fronts of a body of ten layers and of a single layer are exact, in any order, and a drop ahead is ignored."""
     spacing, high = 0.01, (0.3,) + (0.1,) * (len(low) - 1)
     for top in (high, (*high[:-1], spacing)):
         x = mps.fill(mps.Box(low, top), spacing)
@@ -117,7 +118,7 @@ def test_filled_solids_hold_their_volume(spacing):
 
 @pytest.mark.parametrize("part", [1.0, 0.1])
 def test_the_speed_of_what_moves(part):
-    """A tenth of the body at 0.3 m/s: the report has 0.3 m/s, however large the rest that stands."""
+    """Where a tenth of a body moves at 0.3 m/s the reported speed is 0.3 m/s, whatever the size of the part at rest."""
     x = mps.lattice((0.0, 0.0), (1.0, 0.2), 0.02)
     u = np.where(x[:, :1] < part, (0.3, 0.0), (0.0, 0.0))
     scene = mps.Scene("front", mps.Newtonian(), 0.02, x, ((-1.0, -1.0), (2.0, 2.0)), velocity=u)

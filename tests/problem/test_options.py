@@ -1,4 +1,4 @@
-"""A number of the mix is declared in its material, and is an option of every scene from there."""
+"""A number of the mix is declared once, in its material, and thereby is an option of every scene."""
 
 import sys
 from contextlib import nullcontext
@@ -99,7 +99,7 @@ def test_every_scene_takes_every_number_of_the_mix(name, law):
 
 @pytest.mark.parametrize("name", ["slump", "film", "mini_cone", "l_flow"])
 def test_a_rational_critical_strain_rate_is_that_for_the_time_of_the_scene(name):
-    """min(0.01 tau_y/(2 eta), 0.01/T) = 0.01/4 for 400 Pa and 20 Pa s."""
+    """The rational critical strain rate of 400 Pa and 20 Pa s is min(0.01 tau_y/(2 eta), 0.01/T) = 0.01/4."""
     mix = {"yield_value": 400.0, "plastic_viscosity": 20.0}
     scene = catalogue.build(name, **mix, critical_strain_rate="rational", until=4.0)
     assert scene.material.critical_strain_rate == pytest.approx(0.0025, rel=1e-12)

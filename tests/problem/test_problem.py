@@ -1,4 +1,4 @@
-"""Problem: one that breaks a rule is refused in one line; properties that follow from scene and numerics."""
+"""Problem: invalid ones are refused in one line; properties that follow from scene and numerics."""
 
 from dataclasses import replace
 
@@ -121,8 +121,8 @@ def test_the_effective_radius_and_what_is_expected_follow_from_the_scene():
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_only_a_vessel_that_the_fluid_can_fill_may_be_full(dimension):
-    """A closed box is, with room of a tenth beside the fluid too; not one that is open above, or half filled, until an
-    inlet has brought the rest; walls that move may close what was open."""
+    """A closed box counts as full, also with a tenth of it empty; one that is open above, or half filled, does so only
+    when an inlet has filled the rest. Moving walls may close an open one."""
     low, high, spacing = (0.0,) * dimension, (1.0,) * dimension, 0.1
     up = (0.0,) * (dimension - 1) + (1.0,)
     lid, above = mps.Plane(high, tuple(-c for c in up)), tuple(1.5 * c for c in high)

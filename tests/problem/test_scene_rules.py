@@ -1,4 +1,4 @@
-"""The rules of a scene: one that breaks one is refused in one line that names it, sound ones are not."""
+"""Rules of a scene: one that breaks a rule is refused in one line that names it, and valid ones are accepted."""
 
 from dataclasses import replace
 
@@ -156,7 +156,7 @@ def test_bodies_that_touch_and_uneven_fills_are_no_overlap(fluid):
 
 
 def test_periodic_sides_hold_a_particle_once():
-    """One on the lower end of a periodic axis is there, one on either end is there twice."""
+    """A particle on the lower end of a periodic axis is accepted; particles on both ends are duplicates."""
     row = np.column_stack([np.arange(0.0, 2.0, 0.1), np.full(20, 0.5)])
     sides = {"domain": ((0.0, -1.0), (2.0, 2.0)), "periodic": (True, False)}
     assert Problem(mps.Scene(**parts(fluid=row, **sides)))

@@ -1,4 +1,4 @@
-"""report.html, opened from the disk in a headless Chromium: what it shows is what the run folder holds."""
+"""report.html, opened from the disk in a headless Chromium, shows the content of the run folder."""
 
 import re
 import shlex

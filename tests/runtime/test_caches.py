@@ -1,4 +1,4 @@
-"""Cache folders: runs and sweeps end well without a home, or with one that cannot be written."""
+"""Cache folders: runs and sweeps finish normally without a home folder, or with one that cannot be written."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Devices: a run computes on the requested device, or not at all, with the numbers of the processor."""
+"""Devices: a run computes on the requested device, with the results of the processor, or is refused."""
 
 import json
 

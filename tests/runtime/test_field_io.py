@@ -22,8 +22,8 @@ def rows():
 
 @pytest.mark.filterwarnings("error")
 def test_what_is_put_in_is_read_back_and_stands_in_the_fields(rows):
-    """Positions to the last bit of f64, the largest i32, the first n rows; Taichi's own to_numpy sees the same. Without
-    a warning of more than 32 fields that are unrolled."""
+    """Values written to several fields are read back exactly, up to the last bit of f64 and the largest i32 and for the
+    first n rows, as by Taichi's to_numpy; more than 32 fields give no warning of unrolling."""
     rng = np.random.default_rng(1)
     put = {name: rng.normal(size=(4, *shape)) for name, shape in SHAPES.items()}
     put["number"] = np.array([2**31 - 1, -(2**31), 0, 7])

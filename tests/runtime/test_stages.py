@@ -1,4 +1,5 @@
-"""Stages are the same work however they are launched: one by one, in groups, fused into a kernel, by a team, timed."""
+"""Stages give the same result however they are launched: one by one, in groups, fused into a kernel, by a team,
+timed."""
 
 from contextlib import nullcontext
 
@@ -77,7 +78,7 @@ def test_stages_do_the_same_however_they_are_launched(way):
 
 
 def test_kernels_are_made_once_and_numbers_are_handed_over_anew():
-    """The second time the same stages get other numbers: those count, not what the kernel was made with."""
+    """Stages launched again with other numbers use these, not the ones with which the kernel was compiled."""
     execution, numbers = Execution(rows=1), Numbers()
     for amount in (0.25, 1e-300, 7.0):
         before = numbers.x.to_numpy()

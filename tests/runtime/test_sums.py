@@ -1,4 +1,4 @@
-"""Sums over rows as a GPU computes them, held against NumPy and the processor, on the processor."""
+"""Sums over rows by the algorithm for GPUs, run on the processor, against those of NumPy and of the processor."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Workarounds for wrong, slow or verbose parts of the kernel language; no bit depends on the speed patch."""
+"""Workarounds for wrong, slow or verbose parts of the kernel language; the speed patch changes no bit."""
 
 from importlib.util import find_spec
 
@@ -25,7 +25,8 @@ def overwritten(given: ti.template(), found: ti.template()):
 
 
 def test_what_was_read_of_a_vector_local_stays_when_that_is_overwritten():
-    """With Taichi's cfg_optimization on it is 3, 4 and 6."""
+    """A value read from a local vector keeps its value when the vector is overwritten; Taichi's cfg_optimization would
+    give 3, 4 and 6."""
     given, found = ti.Vector.field(2, ti.f64, 3), ti.field(ti.f64, 3)
     given.from_numpy(np.array([[1.0, 2.0], [2.0, 3.0], [3.0, 4.0]]))
     overwritten(given, found)
@@ -34,7 +35,8 @@ def test_what_was_read_of_a_vector_local_stays_when_that_is_overwritten():
 
 # ---- fields ---------------------------------------------------------------------------------------------------------
 def test_fields_are_refused_before_the_tree_that_kills_the_process(monkeypatch):
-    """With a limit of 12 trees, for those of the language's own 512 take half a minute to make."""
+    """With a limit of 12 trees fields are refused before it is exceeded; Taichi's own limit of 512 takes half a minute
+    to reach."""
     monkeypatch.setattr(backend, "MAX_TREES", 12)
     monkeypatch.setattr(backend, "TREES_OF_A_SIMULATION", 4)
     made = []
@@ -105,8 +107,8 @@ np.savez(sys.argv[1], **found)
     not all(map(find_spec, workarounds.LANGUAGES)), reason="one language is installed: pip install .[quadrants]"
 )
 def test_both_languages_compute_the_same(tmp_path):
-    """To rounding where pressure is solved for to it; in the implicit scheme to what its early solves leave, and the
-    positions to what that moves meanwhile."""
+    """Taichi and Quadrants agree to rounding where the pressure is solved to rounding, and in the implicit scheme to
+    the tolerance of its early solves and the displacement that this causes."""
     for name in workarounds.LANGUAGES:
         child("-c", RUN, str(tmp_path / f"{name}.npz"), TAICHI_MPS_KERNELS=name)
     ours, theirs = (np.load(tmp_path / f"{name}.npz") for name in workarounds.LANGUAGES)

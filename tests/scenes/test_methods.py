@@ -1,4 +1,4 @@
-"""The test methods: vessels hold their volume, measures read bodies known by hand, closed forms, refusals; one run."""
+"""Test methods: vessels hold their volume, measures of known bodies, closed forms, refused input, and one run."""
 
 import math
 from contextlib import nullcontext
@@ -107,9 +107,9 @@ def test_measures_of_bodies_known_by_hand(name):
 @pytest.mark.parametrize("jitter", [0.0, 0.1, 0.3])
 @pytest.mark.parametrize("spacing", [0.0125, 0.01, 0.005])
 def test_the_l_box_reads_a_known_profile(spacing, jitter):
-    """A body that falls towards the far wall and is domed across: depths at a quarter, half and three quarters of the
-    width, immediately behind the gate and at the far wall, within 0.2 spacings, also of disordered particles. The mean
-    over the column and over the width would be 3 and 10 mm off."""
+    """Depths at a quarter, half and three quarters of the width of a body that slopes to the far wall and is domed
+    across are measured behind the gate and at the far wall within 0.2 spacings, also of disordered particles; means
+    over column and width would be 3 and 10 mm off."""
 
     def profile(x, y):
         return 0.11 - 0.05 * x / 0.7 + 0.02 * np.cos(np.pi * y / 0.2)
@@ -128,7 +128,7 @@ def test_the_l_box_reads_a_known_profile(spacing, jitter):
 @pytest.mark.parametrize("spacing", [0.0125, 0.01])
 @pytest.mark.parametrize("name, volume", [("l_box", 12e-3), ("l_flow", 8e-3)])
 def test_behind_a_gate_the_vessel_holds_its_volume(name, volume, spacing):
-    """The gate stands a spacing in front of the opening: what fills that is missing at the top."""
+    """The gate stands a spacing in front of the opening; the volume that fills this gap is missing at the top."""
     scene = catalogue.build(name, spacing=spacing, lift_speed=0.3)
     assert 2.0 * scene.volumes.sum() == pytest.approx(volume, rel=1e-9)
     front, below = scene.fluid[:, 0] > 0.1, scene.fluid[:, 2] < 0.15
@@ -151,8 +151,8 @@ def test_behind_a_gate_the_vessel_holds_its_volume(name, volume, spacing):
     ],
 )
 def test_boxes_judge_levels_and_volume_at_rest(name, keywords, h1, h2, holds):
-    """U-box: 40 Pa hold a step of 3 mm between smooth walls, and two spacings are the error of a level. L-box: the
-    closed form for 40 Pa without side walls has levels 13 mm apart, normal stresses hold 5 mm more."""
+    """In the U-box 40 Pa hold a step of 3 mm between smooth walls, and two spacings are the error of a level; in the
+    L-box the closed form for 40 Pa without side walls has levels 13 mm apart, and normal stresses hold 5 mm more."""
     scene = catalogue.build(name, spacing=0.01, **keywords)
     blocks = {
         "u_box": (
@@ -242,7 +242,8 @@ def test_a_channel_at_rest(area, yield_value, keywords, depth, length, end, erro
     "model, spacing, yield_value", [("half", 0.0125, 46.0), ("half", 0.0125, 23.0), ("plane", 0.00625, 46.0)]
 )
 def test_the_lcpc_box_rests_as_far_as_the_closed_form(model, spacing, yield_value):
-    """Within 5 %, minutes after it was let go: at 10 s a layer of 23 Pa is 18 % short."""
+    """The final length is that of the closed form within 5 %, minutes after the release: at 10 s a layer of 23 Pa is 18
+    % short."""
     scene = catalogue.build("lcpc_box", model=model, spacing=spacing, yield_value=yield_value)
     sim = mps.Simulation(scene)
     assert sim.run() == "rest" and sim.time > 100.0
@@ -252,7 +253,7 @@ def test_the_lcpc_box_rests_as_far_as_the_closed_form(model, spacing, yield_valu
 
 
 def test_a_cake_at_rest():
-    """The volume under h = sqrt(2 tau (R - r)/(rho g)) is the one asked for."""
+    """The volume under h = sqrt(2 tau (R - r)/(rho g)) is the requested one."""
     radius = 0.5 * rest_shapes.spread_at_rest(5.5e-3, 2300.0, 40.0)
     r = (np.arange(20000) + 0.5) * radius / 20000
     height = np.sqrt(2 * 40.0 * (radius - r) / (2300.0 * 9.81))
@@ -289,8 +290,8 @@ def test_refusals(name, keywords, message):
 
 
 def test_a_gate_is_lifted_and_times_are_in_the_summary(tmp_path):
-    """The L-flow in the plane: the gate holds the column above its lower edge and nothing leaks; what is read off the
-    history is in summary.json, after a resume, too, as it is read from history.csv."""
+    """In the L-flow in the plane the gate holds the column above its lower edge without a leak, and the times of
+    summary.json are those of history.csv, also after a resume."""
     scene = catalogue.build("l_flow", model="plane", spacing=0.025, lift_speed=0.3, until=0.8)
     gate = scene.walls[-1]
     assert gate.distance(scene.fluid).min() == pytest.approx(0.5 * scene.spacing, rel=1e-6)
@@ -374,7 +375,8 @@ def test_a_flow_table_keeps_the_volume_and_spreads_it_jolt_by_jolt(settings):
 
 
 def test_a_hinged_table_falls_as_its_energy_says():
-    """A plate without concrete turns at sqrt(3 g h)/L; the whole table, were all of it at its middle, as that falls."""
+    """A plate without concrete reaches the angular velocity sqrt(3 g h)/L, and the whole table that of its mass at the
+    middle."""
     scene = catalogue.build("flow_table", spacing=0.02, density=200.0)
     light = scene.jolts[0]
     mass = 200.0 * mps.Cone(0.1, 0.065, 0.2).volume
@@ -387,7 +389,8 @@ def test_a_hinged_table_falls_as_its_energy_says():
 
 
 def test_classes_of_the_flow_table():
-    """EN 206: F1 up to 340 mm, F2 350 to 410, F3 420 to 480, F4 490 to 550, F5 560 to 620, F6 from 630 mm on."""
+    """Classes are those of EN 206: F1 up to 340 mm, F2 350 to 410, F3 420 to 480, F4 490 to 550, F5 560 to 620, F6 from
+    630 mm on."""
     scene = catalogue.build("flow_table", spacing=0.02)
     ends = {1: (0.20, 0.344), 2: (0.346, 0.41), 3: (0.42, 0.48), 4: (0.49, 0.554), 5: (0.556, 0.62), 6: (0.63, 0.7)}
     for number, spreads in ends.items():

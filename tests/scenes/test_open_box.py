@@ -1,4 +1,4 @@
-"""Open box of the dam break: what is behind the gate stays there until it is lifted; what stands, stands."""
+"""Open box of the dam break: the fluid behind the gate stays until it is lifted, and a stiff block stands."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def after(until, **settings):
 
 @pytest.mark.slow
 def test_the_gate_holds_what_it_has_not_left_yet():
-    """Lifted by 2 mm of 40 it holds the block, which without it has run; a stiff block stays without it."""
+    """A gate lifted by 2 mm of 40 mm holds a block that flows without it; a stiff block stands without a gate."""
     soft = {"yield_value": 5.0, "plastic_viscosity": 1.0}
     held, gone = (after(0.1, **soft, lift_speed=speed)["flow_m"] for speed in (0.02, None))
     assert held < 1e-3 < 1e-2 < gone

@@ -1,4 +1,4 @@
-"""Nozzles that move, and what is printed from them until it fails under its own weight."""
+"""Printing: nozzles that move, and printed bodies until they fail under their own weight."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def test_a_layer_enters_where_the_nozzle_is_and_goes_with_it():
 
 
 def test_the_first_layer_is_where_the_path_begins_and_the_jet_as_fast_as_its_fastest_part():
-    """The hose of 0.5 m/s is displaced by 0.3 m at 0 s, rests, and goes along with 0.3 m/s."""
+    """The hose of 0.5 m/s starts displaced by 0.3 m, rests, and then moves at 0.3 m/s."""
     path = np.array(((0.0, 0.3, 0.0), (1.0, 0.3, 0.0), (2.0, 0.6, 0.0)))
     scene = printed(path=path)
     hose = scene.inlets[0]
@@ -85,7 +85,8 @@ def test_a_path_or_a_height_that_is_none_is_refused(make, message):
 
 
 def test_a_rectangular_mouth_is_as_wide_and_high_as_it_is_said():
-    """Upright is what is most upright of the two directions across."""
+    """Width and height of a mouth are those given; the height is along the more vertical of the two directions
+    across."""
     for direction in ((-1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 0.0, -1.0), (1.0, 2.0, 3.0)):
         inlet = mouth(direction=direction)
         x = inlet.layer(0.01) - inlet.centre
@@ -97,7 +98,8 @@ def test_a_rectangular_mouth_is_as_wide_and_high_as_it_is_said():
 
 @pytest.mark.slow
 def test_a_nozzle_that_goes_to_and_fro_lays_even_layers():
-    """What stands on each part of the path is the section of the nozzle times the layers, as high everywhere."""
+    """The body on each part of the path has the section of the nozzle times the number of layers, and the same height
+    everywhere."""
     scene = catalogue.build("printing", model="path", layers=2, layer_time=0.5, length=0.1)
     sim = mps.Simulation(scene)
     sim.run()
@@ -135,9 +137,9 @@ def failure_height(**keywords):
 
 @pytest.mark.parametrize("structuration", [pytest.param(0.0, marks=pytest.mark.long), 80.0])
 def test_a_printed_wall_fails_at_twice_its_yield_stress(structuration):
-    """Between rho g H = 2 tau_y, what the material of the foot bears in plane strain, and the mechanism of two planes
-    at 45 degrees from the middle of the foot, a quarter of the width more; tau_y with what it has grown by then. A foot
-    that is 1 % wider bears 1 % more."""
+    """The height at failure lies between rho g H = 2 tau_y, the strength of the foot in plane strain, and the mechanism
+    of two planes at 45 degrees from the middle of the foot, a quarter of the width more; tau_y includes its growth.
+    Failure: a foot 1 % wider, which bears 1 % more."""
     tau_y, width, rise, weight = 1000.0, 0.04, 0.02, 2300.0 * 9.81
     mix = {"yield_value": tau_y, "structuration": structuration, "destructuration": 0.0, "layer_time": 0.5}
     failed, stood = failure_height(layers=16 if structuration else 11, **mix)
@@ -154,8 +156,8 @@ COLUMN_HEIGHT = 0.08636857
 
 @pytest.mark.slow
 def test_a_printed_column_fails_between_its_bounds():
-    """Between rho g H = sqrt(3) tau_y, 76.8 mm, what each of its sections bears, and the mechanism of least resistance,
-    86.4 mm. A foot that is 1 % wider bears 2 % more."""
+    """The height at failure lies between rho g H = sqrt(3) tau_y, 76.8 mm, the strength of each section, and the
+    mechanism of least resistance, 86.4 mm. Failure: a foot 1 % wider, which bears 2 % more."""
     failed, stood = failure_height(model="column", yield_value=1000.0, layers=10, layer_time=0.5)
     ratio = 1000.0 / (2300.0 * 9.81)
     assert failed > 3.0**0.5 * ratio and stood < 1.01**2 * COLUMN_HEIGHT
@@ -165,7 +167,8 @@ def test_a_printed_column_fails_between_its_bounds():
     ("hose", "ends"), [("rising", {0.0}), pytest.param("moving", {0.0, 0.34}, marks=pytest.mark.slow)]
 )
 def test_a_hose_stays_near_the_concrete_in_a_high_form(hose, ends):
-    """300 mm above the mean level of what has been poured, up to its place above the form, and along all of it."""
+    """A hose keeps 300 mm above the mean level of the concrete, up to its place above the form, along its whole
+    path."""
     fits = {"hose_diameter": 0.1, "bar_diameter": 0.01, "cover": 0.025, "bar_distance": 0.9}
     scene = catalogue.build("wall", spacing=0.03, length=0.5, height=0.9, fill_ratio=1.0, hose=hose, **fits)
     inlet = scene.inlets[0]
@@ -198,7 +201,7 @@ def written(tmp_path):
 
 
 def test_a_tool_path_is_read_in_all_its_modes(written):
-    """50 mm of a filament of 4 mm on 100 mm, then 15 on 30: on 10 mm high layers 2 pi mm wide, at 100 mm/s."""
+    """50 mm of a filament of 4 mm on 100 mm, then 15 on 30, give layers 10 mm high and 2 pi mm wide, at 100 mm/s."""
     beads = read_gcode(written(FLAT), filament=0.004)
     area = np.pi * 0.002**2
     assert [bead.volume for bead in beads] == pytest.approx([0.05 * area, 0.015 * area, 0.05 * area])
@@ -252,9 +255,9 @@ def corner(size, width, height, layers, speed, filament=10.0):
 
 @pytest.mark.slow
 def test_a_tool_path_is_printed_as_it_is_commanded_until_its_foot_fails(written):
-    """Beads of 30 x 10 mm round a corner on a smooth floor: two layers are as wide, as high and where they belong. The
-    lowest layer is the first to become a tenth wider: by the height above 2 tau_y/(rho g), 35 mm, and a tenth above
-    that and a quarter of the width, 47 mm; that is the fourth or the fifth layer."""
+    """Beads of 30 x 10 mm round a corner on a smooth floor: two layers have the commanded width, height and place. The
+    lowest layer is the first to become a tenth wider, between the heights 2 tau_y/(rho g), 35 mm, and a tenth above
+    that and a quarter of the width, 47 mm: at the fourth or the fifth layer."""
     mix = {"yield_value": 400.0, "plastic_viscosity": 20.0, "floor": "smooth"}
     path = written(corner(100, 30, 10, 6, 200))
     scene = catalogue.build("printing", gcode=str(path), filament_diameter="10 mm", **mix)
@@ -279,7 +282,7 @@ def test_a_tool_path_is_printed_as_it_is_commanded_until_its_foot_fails(written)
 
 
 def test_a_closed_line_fills_all_of_its_corners(written):
-    """A square of 120 mm, beads of 30 mm: what the mouths lay is the ring between squares of 150 and 90 mm, once."""
+    """Beads of 30 mm along a square of 120 mm fill the ring between squares of 150 and 90 mm exactly once."""
     fed = 30 * 10 * 120 / (0.25 * np.pi * 100)
     sides = "".join(f"G1 X{x} Y{y} E{fed:.6f}\n" for x, y in ((120, 0), (120, 120), (0, 120), (0, 0)))
     scene = catalogue.build("printing", gcode=str(written(f"M83\nG0 Z10 F6000\n{sides}")), filament_diameter=0.01)
@@ -299,7 +302,8 @@ def swept(inlet, spacing):
 
 
 def test_the_shape_of_what_is_printed_is_told_beside_the_path(written):
-    """Two layers of a wall as they are laid; then the lower one 1.2 times as wide, the upper one 4 mm to the side."""
+    """Widths and offsets of two layers of a wall are reported as laid, and then with the lower layer 1.2 times as wide
+    and the upper one 4 mm to the side."""
     scene = catalogue.build("printing", gcode=str(written(corner(100, 30, 10, 2, 200))), filament_diameter=0.01)
     layers = [np.concatenate([swept(inlet, 0.005) for inlet in scene.inlets[k : k + 2]]) / 1e3 for k in (0, 2)]
     as_laid = scene.measure(still(np.concatenate(layers), 0.005))

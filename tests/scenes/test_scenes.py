@@ -1,5 +1,5 @@
-"""Every scene of scenes/, coarse and short, judged by its own check, and that the check can fail; of the test methods,
-which test_methods.py judges, only that they are there and say what they are."""
+"""Every scene of scenes/, coarse and short, passes its own check, and each check can fail; of the test methods
+(test_methods.py) only that they exist and describe themselves."""
 
 import ast
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The active set: what stands still is left out of the steps, and the rest flows as if it were not."""
+"""Active set: particles at rest are left out of the steps, and the rest flows as with all particles."""
 
 from dataclasses import replace
 
@@ -104,8 +104,8 @@ def test_all_particles_are_read_each_once_whatever_is_left_out(landed):
 
 
 def test_a_step_with_an_active_set_is_that_of_all(both):
-    """From one state: what the border gives to the active ones is what they get in the step of all, so their
-    velocities agree as far as these are solved for, and what does not move in it does hardly in that."""
+    """From one state the velocities of the active particles agree with those of a step of all within the tolerance of
+    the solver, and the others hardly move in it."""
     sim, whole, start = both
     sim.load(start)
     while sim.time < 1.25 or sim.scheme.active_set.steps != 3:
@@ -130,9 +130,9 @@ def test_a_step_with_an_active_set_is_that_of_all(both):
 @pytest.mark.slow
 @pytest.mark.parametrize("wall", ["plate", "side"])
 def test_what_a_wall_that_moves_comes_near_takes_part_and_the_far_end_does_not(wall):
-    """A plate comes down at 0.3 m/s, from 0.25 m above a layer that stands when it is there; the left wall slides up at
-    50 mm/s, in its own plane: nothing within an effective radius stands or is aside. The solve is exact enough for
-    what it leaves of 50 mm/s to be slower than what is set aside."""
+    """A plate comes down at 0.3 m/s from 0.25 m onto a layer at rest, while the left wall slides up at 50 mm/s in its
+    plane: no particle within an effective radius of either is left out, and the far end is. The solver's tolerance
+    leaves less of 50 mm/s than the speed below which particles are left out."""
     still, reach, speed, below = layer(height=0.06), 2.1 * L0, 0.3, 0.25
     floor, left, right = still.walls
     section = [(0.4, below), (0.6, below), (0.6, below + 0.06), (0.4, below + 0.06)]
@@ -154,7 +154,7 @@ def test_what_a_wall_that_moves_comes_near_takes_part_and_the_far_end_does_not(w
 
 @pytest.mark.slow
 def test_the_floor_carries_the_weight_of_what_is_left_out():
-    """At each output, though most of the layer was left out of the steps between."""
+    """The floor carries the whole weight at each output, although most of the layer is left out between outputs."""
     sim, found = mps.Simulation(layer(length=1.0), mps.Implicit(sleep="on", wall_loads=True)), []
     sim.every(0.25, lambda sim: found.append(sim.measures()["force_floor_z_N_per_m"]))
     sim.run()
@@ -164,7 +164,7 @@ def test_the_floor_carries_the_weight_of_what_is_left_out():
 
 @pytest.mark.long
 def test_structure_grows_while_it_sleeps():
-    """What is set aside ages as what is not: A_thix t of all that stands since the start."""
+    """The structure of particles that are left out grows as that of active ones: by A_thix t from the start at rest."""
     mix = mps.HerschelBulkley(yield_value=200.0, consistency=20.0, structuration=100.0)
     sim = mps.Simulation(layer(length=1.0, material=mix), BOX[0])
     while sim.time < 2.0:

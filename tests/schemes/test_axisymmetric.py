@@ -54,7 +54,7 @@ def symmetric(n, seed=7):
 
 # ---- fits and forces ------------------------------------------------------------------------------------------
 def test_linear_fields_have_their_gradient_and_hoop_rate(free):
-    """u = A (r, z) + b: G = A in the plane and u_r/r on the diagonal, exact on any rings."""
+    """For u = A (r, z) + b the gradient in the plane is A and the hoop rate u_r/r, exactly on any rings."""
     A, b = np.array([[0.7, -0.3], [0.5, 0.2]]), np.array([0.1, -0.4])
     u = free.x @ A.T + b
     G = free.gradients(u)
@@ -65,7 +65,8 @@ def test_linear_fields_have_their_gradient_and_hoop_rate(free):
 
 
 def test_flow_to_a_point_has_no_divergence_beside_the_axis(rings):
-    """u = (a r, -2 a (z - z_floor)), which the axis and the slip-free floor leave as it is but for its shear."""
+    """u = (a r, -2 a (z - z_floor)) has no divergence beside the axis and the slip-free floor, which change only its
+    shear."""
     u = np.column_stack([0.5 * rings.x[:, 0], -1.0 * rings.x[:, 1]])
     G = rings.gradients(u)
     away = rings.healthy & (rings.x[:, 1] > -0.55 + 2.1 * L0)
@@ -79,7 +80,7 @@ def test_forces_are_the_negative_transpose_of_the_gradient(rings):
 
 
 def test_the_shift_counts_a_ring_by_its_cross_section(free):
-    """(I12) by brute force, where the rings are all around; and none without deformation."""
+    """The shift (I12) is that of brute force where rings are all around, and zero without deformation."""
     shifting = Shifting(free, shifts_in_tension=False)
     section, x = free.volumes / (2.0 * np.pi * free.x[:, 0] * L0**2), free.x
     e = x[None] - x[:, None]
@@ -101,9 +102,9 @@ def test_the_shift_counts_a_ring_by_its_cross_section(free):
 
 @pytest.mark.parametrize("name", ["uniform pressure", "uniform extension", "shear along the axis"])
 def test_stress_on_a_lattice_of_rings_gives_its_divergence_up_to_the_axis(lattice, name):
-    """None of a uniform pressure, whose hoop force the first ring must not feel alone, and of diag(1, -2, 1), which has
-    no divergence either; 2 of T_rz = r. Within 3 % of T/l0: what the second ring sees of rings beyond the axis. Away
-    from it the pressure gives none at all: the larger rings outside push in what the hoop pushes out."""
+    """The divergence is 0 of a uniform pressure, including the hoop force on the first ring, and of diag(1, -2, 1), and
+    2 of T_rz = r, within 3 % of T/l0, the part of rings beyond the axis that the second ring sees. Away from the axis a
+    pressure gives exactly none: larger rings outside push in what the hoop pushes out."""
     n = len(lattice.x)
     T, exact = np.zeros((n, 3, 3)), np.zeros((n, 2))
     if name == "shear along the axis":
@@ -121,7 +122,7 @@ def test_stress_on_a_lattice_of_rings_gives_its_divergence_up_to_the_axis(lattic
 
 
 def test_a_lattice_of_thin_rings_has_the_density_of_a_lattice():
-    """Rings that have moved outward stand closer than l0, and are no denser for it."""
+    """Rings that have moved outward are closer than l0 to each other without an increase of their density."""
     side = 0.5 * L0
     x = mps.lattice((1.0, -0.35), (1.7, 0.35), side)
     rig = Rig(x, rings=2.0 * np.pi * x[:, 0] * side**2)
@@ -140,8 +141,8 @@ def test_the_matrix_of_rings_is_symmetric_positive_definite():
 
 # ---- the whole body -------------------------------------------------------------------------------------------
 def test_a_section_is_revolved_to_the_whole_body():
-    """Volume within the rounding of the particles in a ring; radii, heights and velocities exact; no net momentum
-    across the axis of rings of two particles or more."""
+    """The revolved volume is exact within the rounding of the particles in a ring; radii, heights and velocities are
+    exact, and rings of two particles or more have no net momentum across the axis."""
     scene = mps.slump_cone(model="axisymmetric")
     rng = np.random.default_rng(1)
     u = rng.standard_normal(scene.fluid.shape)
@@ -158,8 +159,8 @@ def test_a_section_is_revolved_to_the_whole_body():
 
 @pytest.mark.parametrize("first", [0.5, 0.74, 0.76, 0.99])
 def test_rings_that_have_left_the_axis_revolve_to_a_whole_cylinder(first):
-    """Three rings a spacing apart in four layers, the innermost ``first`` spacings from the axis: flat on top, on the
-    axis too, and as large as the cylinder but for half a particle a ring, and the one on the axis."""
+    """Three rings a spacing apart in four layers, the innermost ``first`` spacings from the axis, revolve to a cylinder
+    with a flat top, also on the axis, whose volume is exact but for half a particle a ring and the one on the axis."""
     columns = first + np.arange(3)
     x = L0 * np.array([(r, z) for r in columns for z in 0.5 + np.arange(4)])
     whole = measure.revolved(measure.still(x, L0))
@@ -188,8 +189,8 @@ def test_the_cone_of_rings_has_the_volume_of_the_cone():
 @pytest.mark.long
 @pytest.mark.parametrize("yield_value", [0.0, 150.0], ids=["Newtonian", "plug over 0.3 R"])
 def test_pipe_flow(yield_value):
-    """Velocity along the axis, from rest to four times the decay time of the slowest mode, 20 across, weighted by
-    volume: within 3 %."""
+    """Axial velocity, from rest to four times the decay time of the slowest mode, 20 across, weighted by volume, is
+    that of the closed form within 3 %."""
     radius, push, eta, density = 0.1, 5.0, 50.0, 2000.0
     l0 = radius / 10
     length = 7 * l0
@@ -216,8 +217,8 @@ def test_pipe_flow(yield_value):
 
 
 def test_the_cone_slumps_as_the_finite_elements():
-    """500 Pa, 50 Pa s, true Bingham with inertia (reference/A_fe_inertial_slump): 179.9 mm and 319.3 mm at rest,
-    +-0.4 mm; 5 mm and 3 %, and 1 % in volume all the way."""
+    """A cone of 500 Pa and 50 Pa s, true Bingham with inertia, slumps to 179.9 mm and spreads to 319.3 mm, +-0.4 mm
+    (reference/A_fe_inertial_slump), within 5 mm and 3 %, and within 1 % in volume throughout."""
     sim = mps.Simulation(mps.slump_cone(model="axisymmetric", yield_value=500.0))
     volume = []
     sim.each_step(lambda sim: volume.append(sim.report.volume_error))
@@ -273,8 +274,8 @@ def poured_out(rings, l0=0.005):
 
 @pytest.mark.long
 def test_rings_leave_a_funnel_as_its_quarter_does():
-    """1.1 l; rings of 2.5 mm 5 % less than the quarter, 5 mm, nearer to it than rings of 5 mm (7 %). The quarter, of a
-    cubic lattice that is cut by the cone, starts with 3 % less."""
+    """Of 1.1 l, rings of 2.5 mm take 5 % less time than the quarter of 5 mm, nearer to it than rings of 5 mm (7 %); the
+    quarter, of a cubic lattice cut by the cone, starts with 3 % less volume."""
     coarse, rings, quarter = poured_out(True), poured_out(True, 0.0025), poured_out(False)
     assert abs(rings - quarter) < abs(coarse - quarter)
     assert 0.9e-3 < quarter < 1.3e-3

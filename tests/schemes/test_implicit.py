@@ -1,7 +1,7 @@
-"""Free fall of both schemes, and the default one against films on an incline.
+"""Free fall in both schemes, and the implicit scheme against films on an incline.
 
-Errors are relative L2 norms of what started from rest; their bounds are the targets of the validation table: 2 % at 20
-across, 1e-6 m/s where a film must stand.
+Errors are relative L2 norms of flows from rest; their bounds are the targets of the validation table: 2 % at 20 across,
+1e-6 m/s where a film must stand.
 """
 
 import numpy as np
@@ -38,8 +38,9 @@ def groups(d):
     ids=["2-D Bingham", "3-D Newtonian", "semi-implicit"],
 )
 def test_free_fall_is_exact(d, material, numerics, part):
-    """To rounding, whatever the steps and whether or not the set carries stress, which a fluid with a yield stress
-    alone does: half of what a step gains counts in it, by the paper's scheme (eqs 18, 21) all of it."""
+    """Free fall is exact to rounding for any steps, with or without stress carried by the active set (only with a yield
+    stress); half of the velocity gained in a step counts in its displacement, in the paper's scheme (eqs 18, 21) all of
+    it."""
     x, g = groups(d), np.array([0.0] * (d - 1) + [-9.81])
     velocity, domain = np.tile(START[:d], (len(x), 1)), ((-1.0,) * d, (3.0,) * d)
     sim = mps.Simulation(mps.Scene("fall", material, L0, x, domain, velocity=velocity), numerics)
@@ -64,8 +65,9 @@ def film(across, until=1.0, **keywords):
 
 
 def test_film_stands_below_its_yield_value_and_flows_above():
-    """20 across, after 2 s: 2 % where half of it is plug. Just above the yield stress one or two rows are sheared, and
-    it is as fast as the discretisation makes it: row film_at_yield of the validation table."""
+    """A film of 20 particles across stands below its yield stress and flows above: after 2 s within 2 % where half of
+    it is plug. Just above the yield stress one or two rows are sheared and the discretisation sets the speed: row
+    film_at_yield of the validation table."""
     stands = film(20, 2.0, yield_value=WEIGHT * DEPTH / 0.95, plastic_viscosity=100.0)
     assert stands.snapshot().speed.max() <= 1e-6
     s = film(20, 2.0, yield_value=0.5 * WEIGHT * DEPTH, plastic_viscosity=100.0).snapshot()

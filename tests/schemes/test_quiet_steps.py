@@ -1,4 +1,4 @@
-"""Longer steps of a quiet flow (I14): when they are taken, and that the flow does not know them."""
+"""Longer steps of a quiet flow (I14): when they are taken, and that they do not change the flow."""
 
 import math
 from itertools import pairwise
@@ -32,8 +32,8 @@ def longest(of, acceleration, speed=0.01, decay=0.0):
 
 @pytest.mark.parametrize("of_material", [{}, {"critical_strain_rate": 0.1}])
 def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
-    """Half of the acceleration at which a flow counts as quiet: sqrt(2) times the step, in which velocity changes as
-    much times dt as before; a quarter or less: twice the step. What is still gains nothing by it."""
+    """At half of the acceleration below which a flow counts as quiet the step is sqrt(2) times as long, at a quarter or
+    less twice; slower flows gain nothing more."""
     found = constants(**of_material)
     usual = found.max_time_step
     assert found.early_max_reduction[None] == pytest.approx(EARLY_MAX_REDUCTION), (
@@ -70,8 +70,8 @@ def test_of_a_flow_that_dies_away_it_grows_with_the_time_of_that_up_to_the_same_
     ids=["newtonian", "given", "viscous"],
 )
 def test_no_longer_steps_without_yield_value_in_a_viscous_mix_or_where_one_is_given(of_material, numerics, step, early):
-    """1500 Pa s flow slowly: their step, 0.5 nu/(g H), does not resolve a fall; such a mix and water need early solves
-    as good as the last, whatever step is given."""
+    """Steps stay short without a yield stress, where a step is given, and at 1500 Pa s, whose step, 0.5 nu/(g H), does
+    not resolve a fall; such a mix and water need early solves as accurate as the last one, whatever step is given."""
     found = constants(numerics=numerics, **of_material)
     assert longest(found, 0.0) == longest(found, math.inf) == found.max_time_step
     assert step is None or longest(found, 0.0) == pytest.approx(step)
@@ -79,8 +79,8 @@ def test_no_longer_steps_without_yield_value_in_a_viscous_mix_or_where_one_is_gi
 
 
 def test_the_penalties_grow_with_the_step_that_is_taken():
-    """mu_r = max(6 eta, 64 tau_y dt) and K >= 8 mu_r: of 1000 Pa twice as much in a step twice as long, and back; of
-    100 Pa the plastic viscosity counts in both."""
+    """mu_r = max(6 eta, 64 tau_y dt) and K >= 8 mu_r: at 1000 Pa they double with the step and return with it; at 100
+    Pa the plastic viscosity counts in both."""
     for tau_y, eta in ((1000.0, 50.0), (100.0, 50.0)):
         found = constants(tau_y)
         usual = found.max_time_step
@@ -93,8 +93,8 @@ def test_the_penalties_grow_with_the_step_that_is_taken():
 
 @pytest.mark.long
 def test_a_cone_that_creeps_to_rest_does_not_know_how_long_its_steps_are():
-    """100 Pa: at 2 s slump within a tenth of a spacing, spread within a fifth, with two thirds of the steps, none of
-    them longer than the rule. A step that is given does not grow; later on it creeps on beyond the rest (I8)."""
+    """At 100 Pa and 2 s slump agrees within a tenth of a spacing and spread within a fifth, with two thirds of the
+    steps, none longer than the rule. A given step does not grow; later on the cone creeps beyond the rest (I8)."""
     usual, ends = constants().max_time_step, []
     for sim in (begin(cone()), mps.Simulation(cone(), mps.Implicit(max_time_step=usual))):
         reports = []

@@ -1,4 +1,4 @@
-"""Residuals of the outer iterations against known fields, and what a tolerance on them does."""
+"""Residuals of the outer iterations against known fields, and the effect of a tolerance on them."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,8 @@ def worst(report):
 
 
 def test_of_known_fields(cone):
-    """Half of a shear rate of 0.4 1/s is plastic, a divergence of 0.3 1/s is wanted and none there."""
+    """The residuals are exact where half of a shear rate of 0.4 1/s is plastic and a wanted divergence of 0.3 1/s is
+    missing."""
     sim, scheme = cone[0], cone[0].scheme
     reports(cone)
     shear = np.zeros((3, 3))
@@ -47,13 +48,14 @@ def test_of_known_fields(cone):
 
 
 def test_fall_with_the_iterations(cone):
-    """By half at least where they are doubled; beyond 12 the tolerance of the solves counts as well."""
+    """Doubled iterations at least halve the residuals; beyond 12 the tolerance of the solves counts as well."""
     found = [np.mean([worst(r) for r in reports(cone, passes=n)[1:]]) for n in (3, 6, 12)]
     assert (np.divide(found[1:], found[:-1]) < 0.5).all(), found
 
 
 def test_a_tolerance_takes_as_many_iterations_as_it_needs(cone):
-    """All steps meet it, a smaller one in more iterations; half as many leave more in the step after the first."""
+    """All steps meet a tolerance, a smaller one in more iterations; half as many leave more in the step after the
+    first."""
     loose, found = (reports(cone, passes=50, outer_tolerance=times * TOLERANCE) for times in (2.0, 1.0))
     assert max(map(worst, found)) <= TOLERANCE and cone[0].scheme.unmet == 0
     few, taken = (sum(r.outer_iterations for r in each) for each in (loose, found))
@@ -62,7 +64,7 @@ def test_a_tolerance_takes_as_many_iterations_as_it_needs(cone):
 
 
 def test_a_tolerance_that_is_not_met_is_told(cone):
-    """In the state of the run, and in a sentence on it."""
+    """A tolerance that is not met is reported in the state of the run and in a sentence."""
     sim = cone[0]
     reports(cone, passes=2, outer_tolerance=1e-6)
     assert sim.scheme.unmet == sim.state()["unmet"] == sim.summary()["unmet_steps"] == STEPS

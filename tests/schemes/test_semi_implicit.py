@@ -1,4 +1,4 @@
-"""The paper's scheme against exact solutions, stability limits and dense algebra; its bounds where it is inexact."""
+"""The paper's scheme against exact solutions, stability limits and dense algebra, with bounds where it is inexact."""
 
 from pathlib import Path
 
@@ -76,7 +76,8 @@ def test_laplacian_is_exact_on_the_lattice(dimension, free):
     "dimension, gradient, depth", [(2, "literal", 2.4), (3, "literal", 2.4), (2, "conservative", 4.4)]
 )
 def test_pressure_gradient_is_exact_on_the_lattice(dimension, gradient, depth, free):
-    """For linear fields; the conservative form needs neighbours whose own neighbourhoods are full."""
+    """The pressure gradient of linear fields is exact; for the conservative form neighbours need full neighbourhoods of
+    their own."""
     slope = np.array([3.0, -2.0, 0.7])[:dimension]
     simulation = free(block(dimension, 10), gradient=gradient)
     particles, pressure = simulation.particles, simulation.scheme.pressure
@@ -101,7 +102,8 @@ def test_conservative_gradient_keeps_the_momentum(free):
 # ---- explicit stability -------------------------------------------------------------------------------------
 @pytest.mark.parametrize("dimension, cells", [(2, 24), (3, 12)])
 def test_stability_bound_of_the_explicit_viscosity(dimension, cells):
-    """Largest stable nu dt/l0^2 of a Fourier mode on the infinite lattice (von Neumann), met from both sides."""
+    """The largest stable nu dt/l0^2 of a Fourier mode is that of the infinite lattice (von Neumann), from both
+    sides."""
     table = (REFERENCE / "C_mps_lattice_constants_viscous_limit.csv").read_text(encoding="utf-8").splitlines()
     limit = next(float(line.split(",")[6]) for line in table if line.startswith(f"{dimension},2.1,"))
     x = block(dimension, cells)
@@ -127,7 +129,8 @@ def test_stability_bound_of_the_explicit_viscosity(dimension, cells):
 
 # ---- pressure -----------------------------------------------------------------------------------------------
 def test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one():
-    """Its solution keeps negative pressures, which only the default form cuts off."""
+    """The Poisson matrix is the dense one, symmetric and positive definite, and its solution keeps negative pressures,
+    which only the default form cuts off."""
     rng = np.random.default_rng(7)
     scene = catalogue.build("still_pool", plastic_viscosity=50.0, density=2300.0, width=0.08, depth=0.08, spacing=L0)
     object.__setattr__(scene, "fluid", scene.fluid + rng.uniform(-0.15, 0.15, scene.fluid.shape) * L0)
@@ -175,7 +178,8 @@ def test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one():
     ids=["literal", "default"],
 )
 def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
-    """pressure: error over rho g h; speed [m/s]; drift of the level over l0."""
+    """The pool stays within bounds of pressure, the error over rho g h, of speed [m/s], and of the drift of its level
+    over l0."""
     simulation = Simulation(
         catalogue.build("still_pool", plastic_viscosity=50.0, density=2300.0), mps.SemiImplicit(**numerics)
     )
@@ -193,7 +197,7 @@ def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
 
 
 def test_a_closed_box_without_surface_can_be_solved():
-    """Pressure known up to a constant: the mean of the source is taken out."""
+    """In a closed box the pressure is known up to a constant, and the mean of the source is removed."""
     low, high = np.zeros(2), np.full(2, 8 * L0)
     walls = mps.lattice(low - 3 * L0, high + 3 * L0, L0)
     walls = walls[~np.all((walls > low) & (walls < high), axis=1)]
@@ -237,8 +241,8 @@ def film(cells, depth, material, force, seconds):
 
 
 def test_newtonian_film_converges_with_first_order():
-    """The walls' zero velocity sits half a spacing behind the wall: the film is as exact as on a depth of l0/2 more, to
-    (l0/H)^2 and what is left of the start-up after 0.25 s; so it is 14 % off at 10 across, and twice that at 5."""
+    """The walls' zero velocity lies half a spacing behind the wall, so the film is exact for a depth larger by l0/2, to
+    (l0/H)^2 and the rest of the start-up after 0.25 s: 14 % off at 10 across, and twice that at 5."""
     depth, force, eta, time = 0.05, 8000.0, 50.0, 0.25
     errors = []
     for cells in (5, 10):
@@ -253,9 +257,9 @@ def test_newtonian_film_converges_with_first_order():
 
 
 def test_bi_viscosity_film():
-    """At 4 kPa/m of first order: l0/H at most, less than what half a spacing behind the wall makes by itself. Where the
-    shear rate jumps by more than about 4 pi_c from one particle to the next the gradient of Lambda (eq 4) drives the
-    flow instead of resisting it: no such case here."""
+    """At 4 kPa/m the error is of first order: at most l0/H, less than the zero velocity half a spacing behind the wall
+    gives by itself. Where the shear rate jumps by more than about 4 pi_c between particles the gradient of Lambda (eq
+    4) would drive the flow: no such case here."""
     depth, force, eta, tau_y, knee_rate = 0.05, 4000.0, 50.0, 100.0, 0.2
     material = mps.Bingham(
         density=2300.0, plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=0.5 * knee_rate
@@ -271,8 +275,9 @@ def test_bi_viscosity_film():
 @pytest.mark.slow
 @pytest.mark.parametrize(("motion", "part"), [("shear", 1.0), ("stretch", 0.5)])
 def test_a_free_body_is_sheared_against_the_whole_law_and_stretched_against_half_of_it(motion, part):
-    """Power of viscosity over that of the law, 4 eta rate^2 of the area here. lap u that ends at the surface, where
-    P = 0, dissipates eta grad u:grad u instead of 2 eta e:e; the rows at the surface, 2 of 40, lack a part of it."""
+    """The power of viscosity is that of the law in shear, and half of it, 4 eta rate^2 of the area, in stretching: lap
+    u ends at the surface, where P = 0, and dissipates eta grad u:grad u instead of 2 eta e:e. The surface rows, 2 of
+    40, lack a part."""
     cells, eta, dt = 40, 50.0, 1e-6
     x = block(2, cells) - 0.5 * cells * L0
     u = np.column_stack([2.0 * x[:, 1], 0.0 * x[:, 0]] if motion == "shear" else [x[:, 0], -x[:, 1]])
@@ -304,7 +309,8 @@ def test_direct_iteration_and_unyielded_decision_of_a_slump():
 
 
 def test_the_run_ends_when_nine_tenths_are_unyielded():
-    """From a first step at the diffusion number of unyielded material; taken up again it is the same bit for bit."""
+    """The run starts with a step at the diffusion number of unyielded material and ends when nine tenths are unyielded;
+    resumed it has the same bits."""
     scene = catalogue.build("slump", yield_value=1000.0, critical_strain_rate=1.0, spacing=0.025)
     simulation, reports = Simulation(scene, mps.SemiImplicit()), []
     first = simulation.step()
@@ -321,8 +327,8 @@ def test_the_run_ends_when_nine_tenths_are_unyielded():
 
 # ---- what practice adds -------------------------------------------------------------------------------------
 def test_the_gradient_of_the_smallest_pressure_only_pushes_apart(free):
-    """Against brute force: u' = -(dt/rho)(d/n0) sum_j (P_j - min P) r_ij/r^2 w; so every neighbour pushes. What it does
-    not keep is momentum: the two of a pair take different minima."""
+    """The gradient equals brute force, u' = -(dt/rho)(d/n0) sum_j (P_j - min P) r_ij/r^2 w, by which every neighbour
+    repels; it does not conserve momentum, since the two of a pair take different minima."""
     dt, reach, rng = 1e-4, 2.1 * L0, np.random.default_rng(6)
     x = block(2, 10)
     simulation = free(x + rng.uniform(-0.3, 0.3, x.shape) * L0)
@@ -345,8 +351,8 @@ def test_the_gradient_of_the_smallest_pressure_only_pushes_apart(free):
 
 
 def test_two_particles_that_meet_exchange_momentum_with_the_restitution():
-    """At 0.45 l0, approaching with 1 m/s: they part with 0.2 m/s along their line, what is across stays. Those at
-    0.55 l0, or that part, keep their velocity; one of a wall takes half of the impulse."""
+    """Particles at 0.45 l0 that approach with 1 m/s part with 0.2 m/s along their line and keep their velocity across
+    it; those at 0.55 l0, or that part, are unchanged, and a wall particle takes half of the impulse."""
     pairs = [(0.45, 1.0), (0.55, 1.0), (0.45, -1.0), (0.45, 1.0)]
     x = L0 * np.array([[[9.0 * k, 0.0], [9.0 * k + distance, 0.0]] for k, (distance, _) in enumerate(pairs)])
     u = np.array([[[speed, 0.3], [0.0, 0.0]] for _, speed in pairs])
@@ -366,7 +372,7 @@ def test_two_particles_that_meet_exchange_momentum_with_the_restitution():
 
 
 def test_a_neighbour_list_is_kept_while_nobody_went_far(free):
-    """Sums over the kept list are those of brute force, after moves of less and of more than half of the skin."""
+    """Sums over the kept list are those of brute force after moves of less and of more than half of the skin."""
     rng = np.random.default_rng(9)
     x = block(2, 8)
     simulation = free(x)
@@ -393,9 +399,9 @@ def test_a_neighbour_list_is_kept_while_nobody_went_far(free):
     ],
 )
 def test_the_cases_of_the_paper_arrive(yield_value, until, stopped_by):
-    """#1 and #3 at 20 mm. Volume within 1 % at the end; ever within 3 % (the target of 10 mm is 2 %; the first fall, in
-    which the lattice gives way, is twice as many steps of a spacing here). Slumps lie 10 to 60 mm over the finite
-    elements' (docs/equations.md says why), more than the paper's text."""
+    """Cases #1 and #3 at 20 mm run to the end with the volume within 1 %, and within 3 % throughout (the target of 10
+    mm is 2 %; the first fall, in which the lattice gives way, is twice as many steps of a spacing here). Slumps are 10
+    to 60 mm above the finite elements' (docs/equations.md says why), more than in the paper's text."""
     scene = catalogue.build("slump", yield_value=yield_value, spacing=0.02, critical_strain_rate=0.1)
     simulation, errors = Simulation(scene, mps.SemiImplicit()), []
     simulation.each_step(lambda s: errors.append(s.report.volume_error))

@@ -97,8 +97,8 @@ def angular_momentum(x, u):
 
 # ---- viscosity ------------------------------------------------------------------------------------------------
 def test_any_diffusion_number_is_stable_by_default(free_default):
-    """Noise at nu dt/l0^2 = 1000, two thousand times the explicit limit: all but the rigid motion is gone in two steps,
-    the first of which leaves what its solver's tolerance does."""
+    """Of noise at nu dt/l0^2 = 1000, two thousand times the explicit limit, only the rigid motion is left after two
+    steps, the first of which leaves what the solver's tolerance allows."""
     x = free_default.scene.fluid
     u = 1e-9 * np.random.default_rng(0).normal(size=x.shape)
     rigid = u.mean(0) + spin(x, angular_momentum(x, u) / (x**2).sum())
@@ -112,8 +112,8 @@ def test_any_diffusion_number_is_stable_by_default(free_default):
 
 
 def test_a_viscosity_ratio_of_a_million_costs_the_literal_scheme_its_step(box_default):
-    """nu dt/l0^2 <= 0.2 holds for the stiffest material: dt = 1e-10 s. The default's step is that of eta, at a ratio
-    without bound (a film at a ratio of a million: row film_viscosity_ratio of ``taichi-mps validate``)."""
+    """The stiffest material sets the literal step, nu dt/l0^2 <= 0.2: dt = 1e-10 s. The default's step is that of eta
+    at any ratio (a film at a ratio of a million: row film_viscosity_ratio of ``taichi-mps validate``)."""
     material = mps.Bingham(
         density=DENSITY,
         plastic_viscosity=ETA,
@@ -129,7 +129,8 @@ def test_a_viscosity_ratio_of_a_million_costs_the_literal_scheme_its_step(box_de
 
 
 def test_a_spinning_disc(free_literal):
-    """R = 10 l0. The Laplacian brakes rigid rotation by 4 nu/R^2, on a lattice by 3.68; its torque is the table's."""
+    """At R = 10 l0 the Laplacian brakes a rigid rotation by 4 nu/R^2, on a lattice by 3.68 nu/R^2; its torque is that
+    of the table."""
     radius = 10 * WIDE
     x = mps.lattice((-0.6, -0.6), (0.6, 0.6), WIDE, offset=0.0) + (0.2 * WIDE, 0.1 * WIDE)
     x = x[np.hypot(*x.T) < radius]
@@ -157,8 +158,8 @@ def two_blocks():
 
 @pytest.mark.parametrize("body", [square_patch, two_blocks])
 def test_the_literal_scheme_clumps_and_explodes(free_literal, body):
-    """Eq (11) attracts in tension and eq (19) answers the crowd: before a quarter of a turn, or of the squeeze, more
-    kinetic energy than there was at the start, and the end by a named limit."""
+    """Eq (11) attracts in tension and eq (19) repels the clump: before a quarter of a turn, or of the squeeze, there is
+    more kinetic energy than at the start, and a named limit ends the run."""
     x, u = body()
     with pytest.raises(mps.DivergedError, match="runaway|left the domain|volume is lost") as error:
         run(loaded(free_literal, x, u), 0.5)
@@ -167,7 +168,7 @@ def test_the_literal_scheme_clumps_and_explodes(free_literal, body):
 
 
 def test_the_shift_grows_with_tension(free_default):
-    """min(1, 60 (-p) dt/h) (h_0/h)^2 inside, h the hourglass resistance and h_0 that of a thin fluid."""
+    """Inside the shift is min(1, 60 (-p) dt/h) (h_0/h)^2, h the hourglass resistance and h_0 that of a thin fluid."""
     run(loaded(free_default, *square_patch()), 0.5)
     scheme, before = free_default.scheme, free_default.particles.read()
     dt = free_default.step().dt
@@ -183,8 +184,8 @@ def test_the_shift_grows_with_tension(free_default):
 
 
 def test_the_shift_carries_nothing_where_little_deforms(free_default):
-    """A shift that is the same all over is taken out where nothing deforms, by half at half the strain scale, and stays
-    where a step strains by all of it; what alternates from column to column loses its mean by Wendland's kernel."""
+    """A uniform shift is removed where nothing deforms, by half at half the strain scale, and kept where a step strains
+    by all of it; one that alternates between columns loses its mean by Wendland's kernel."""
     loaded(free_default, *square_patch())
     free_default.step()
     scheme, particles = free_default.scheme, free_default.particles
@@ -208,8 +209,8 @@ def test_the_shift_carries_nothing_where_little_deforms(free_default):
 
 
 def test_two_blocks_meet_without_a_clump(free_default):
-    """They become one sheet across: momentum stays zero to the tolerance of the solver, for nothing keeps them mirror
-    images, energy falls, volume stays."""
+    """Two blocks merge to one sheet: momentum stays zero to the tolerance of the solver, although the halves need not
+    stay mirror images, energy falls, and volume is kept."""
     x, u = two_blocks()
     s = run(loaded(free_default, x, u), 0.5)
     assert np.abs(s.u.sum(0)).max() < 1e-4 * np.abs(u).sum()
@@ -220,8 +221,8 @@ def test_two_blocks_meet_without_a_clump(free_default):
 
 @pytest.mark.slow
 def test_stirred_water_comes_to_rest():
-    """10 x 10 particles of water that turn at 0.1 m/s at first: with the resistance of what moves throughout they went
-    on for ever at some cm/s, with 3e-5 of the energy M g H; below 1e-6 is at rest."""
+    """10 x 10 particles of water that turn at 0.1 m/s at first fall below 1e-6 of the energy M g H, at rest; with the
+    hourglass resistance of moving particles throughout they kept some cm/s, 3e-5."""
     depth, l0 = 0.2, 0.02
     x = box((0.0, 0.0), (depth, depth), l0)
     sin, cos = np.sin(np.pi * x / depth), np.cos(np.pi * x / depth)
@@ -259,8 +260,8 @@ def body_of(name):
 
 
 def test_what_must_stand_stands(box_default):
-    """A column of few particles below its critical height, for a second; ever stiller, so that it would take ten
-    seconds more to go another hundredth of a spacing. Pools: rows still_pool_* of the validation table."""
+    """A column of few particles below its critical height stands for a second and slows down so that ten seconds more
+    would move it a hundredth of a spacing. Pools: rows still_pool_* of the validation table."""
     x, _ = body_of("column")
     s = run(loaded(box_default, x), 1.0)
     assert np.abs(s.x - x).max() < 0.01 * FINE
@@ -269,8 +270,8 @@ def test_what_must_stand_stands(box_default):
 
 @pytest.mark.slow
 def test_a_deep_pool_of_a_viscous_fluid_stands():
-    """30 layers of 50 Pa s without a yield stress, pushed by twice the pressure that viscosity alone stops in a step:
-    without more resistance to motion that the gradient does not see its lattice collapsed, by a tenth in 0.4 s."""
+    """30 layers of 50 Pa s without a yield stress, pushed by twice the pressure that viscosity alone stops in a step,
+    stand; with less hourglass resistance the lattice collapsed by a tenth in 0.4 s."""
     depth, spacing = 0.3, 0.01
     size = (8 * spacing, depth)
     material = mps.Newtonian(density=DENSITY, viscosity=50.0)
@@ -284,8 +285,8 @@ def test_a_deep_pool_of_a_viscous_fluid_stands():
 
 
 def test_a_moving_contact_front_of_soft_concrete(box_default):
-    """A block of 50 Pa runs out in one piece, without a gap that a particle fits into, over ground where its front is
-    one or two particles high, as far as finite elements without inertia say (B = 0.1: 1.75 H), within 10 %."""
+    """A block of 50 Pa spreads in one piece, without a gap of a particle's size, with a front one or two particles
+    high, as far as finite elements without inertia (B = 0.1: 1.75 H), within 10 %."""
     s = run(loaded(box_default, *body_of("front")), 1.0)
     apart = np.sort(np.linalg.norm(s.x[:, None] - s.x[None], axis=2), axis=1)[:, 1]
     reach = 0.5 * (np.ptp(s.x[:, 0]) + FINE) / HEIGHT
@@ -295,7 +296,8 @@ def test_a_moving_contact_front_of_soft_concrete(box_default):
 
 
 def test_an_impact_in_a_corner_at_courant_one_half(box_default):
-    """Nothing passes the walls, no energy is gained, and the concrete stops where it hit."""
+    """At a Courant number of one half no particle passes the walls, no energy is gained, and the concrete stops where
+    it hit."""
     x, u = body_of("thrown")
     loaded(box_default, x, u)
     energy = []
@@ -309,8 +311,8 @@ def test_an_impact_in_a_corner_at_courant_one_half(box_default):
 
 @pytest.mark.parametrize("body", ["film of one", "film of two"])
 def test_a_film_of_few_particles_stops(box_default, body):
-    """The floor's stress, tau_y + eta u/h, stops it in rho h^2/eta < 3 ms, what is left of the slip of its particles
-    dies away by a factor of ten in 30 ms; it stays a film of as many layers."""
+    """The floor's stress, tau_y + eta u/h, stops the film in rho h^2/eta < 3 ms, the remaining slip of its particles
+    decays by a factor of ten in 30 ms, and it keeps its layers."""
     x, u = body_of(body)
     s = run(loaded(box_default, x, u), 0.5)
     assert s.speed.max() < 1e-9

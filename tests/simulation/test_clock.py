@@ -1,4 +1,5 @@
-"""The clock of a run: close to the end from a tenth of it on, never negative, and closer on a machine that it knows."""
+"""Clock of a run: the remaining time is never negative, accurate from a tenth of the run on, and more so on a known
+machine."""
 
 from types import SimpleNamespace
 
@@ -38,7 +39,8 @@ def known(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_nine_runs_in_ten_are_told_within_thirty_percent_from_a_tenth_on():
-    """Each step and the rest of the run taken to last as long as the others, so that only their number is told."""
+    """From a tenth of a run on nine forecasts in ten are within 30 %, where each step, and the rest of the run, is
+    taken to last equally long, so that only the number of steps is forecast."""
     mps.init(threads=1)
     worst = []
     for yield_value, viscosity in MIXES:
@@ -57,7 +59,7 @@ def test_nine_runs_in_ten_are_told_within_thirty_percent_from_a_tenth_on():
 
 
 def test_a_machine_that_is_known_is_told_exactly(known, monkeypatch):
-    """A run twice as slow as usual: the first time its forecast is off by two, the next one right, and warm."""
+    """For a run twice as slow as usual the first forecast is off by two, and the next one exact and warm."""
     problem, now = Problem(catalogue.build("slump", model="axisymmetric", spacing=0.05)), [100.0]
     monkeypatch.setattr(clock.time, "monotonic", lambda: now[0])
     sim = SimpleNamespace(steps=0, time=0.0, rest=Rest(), scene=problem.scene, problem=problem, pouring=())

@@ -1,4 +1,4 @@
-"""Gravity and walls that change in time: what they do to a body is known exactly."""
+"""Gravity and walls that change in time, with exactly known effects on a body."""
 
 from dataclasses import replace
 
@@ -44,8 +44,8 @@ def free():
 
 @pytest.mark.parametrize("gravity", [pytest.param(JUMPS, id="table"), pytest.param(wave, id="function")])
 def test_a_free_block_follows_gravity(gravity, free):
-    """Velocity is the integral of gravity, position that of the velocity to the order of the step; steps end where a
-    table has a row; a run that is taken up again is the same, bit for bit."""
+    """Velocity is the integral of gravity, and position that of velocity to the order of the step; steps end at the
+    rows of a table, and a resumed run has the same bits."""
     sim = free(gravity)
     changing, ends, found = sim.scene.gravity_in_time, [], []
     sim.each_step(lambda sim: ends.append(sim.time))
@@ -65,8 +65,8 @@ def test_a_free_block_follows_gravity(gravity, free):
 
 
 def test_a_full_box_that_is_accelerated_tilts_its_pressure():
-    """dp/dx = -rho a, dp/dz = -rho g away from the walls: isobars are tilted by a/g, in the frame of the box, and level
-    before."""
+    """Away from the walls dp/dx = -rho a and dp/dz = -rho g in the frame of the box: isobars are tilted by a/g, and
+    level before."""
     walls = mps.box_planes((0.0, 0.0), (1.0, 0.5)) + (mps.Plane((0.0, 0.5), (0.0, -1.0)),)
     fluid = mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), 0.05)
     gravity = ((0.1, 0.0, -9.81), (0.1, -4.0, -9.81))
@@ -85,7 +85,8 @@ VELOCITY = ((0.1, 0.0, 0.0), (0.2, 0.0, 0.4), (0.3, 0.0, 0.4), (0.3, 0.0, 0.0)) 
 
 @pytest.mark.parametrize("kind", [pytest.param("table", marks=pytest.mark.slow), "function"])
 def test_a_floor_lifts_a_block_as_it_says(kind):
-    """A floor that rises carries a block that stands on it; where both stop the block is at rest, and not before."""
+    """A rising floor carries a block that stands on it; the block comes to rest when the floor has stopped, and not
+    before."""
     velocity = VELOCITY if kind == "table" else lambda time: (0.0, float(np.interp(time, [0.1, 0.2, 0.3], [0, 0.4, 0])))
     floor = mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=velocity, slip=True)
     scene = block(walls=(floor,), stop_at_rest=True, until=3.0, material=mps.Bingham(yield_value=20000.0))
@@ -99,7 +100,8 @@ def test_a_floor_lifts_a_block_as_it_says(kind):
 
 @pytest.mark.slow
 def test_what_stands_wakes_when_gravity_turns(monkeypatch):
-    """A cone that stands and is left out flows again, as without: after a jump of gravity all take part."""
+    """A cone at rest that is left out of the steps flows again as without an active set: after a jump of gravity all
+    particles are active."""
     monkeypatch.setattr("taichi_mps.particles.active_set.MIN_EXCLUDED_FRACTION", 0.01)
     gravity = ((0.0, 0.0, -1.0), (0.5, 0.0, -1.0), (0.5, 0.0, -9.81))
     walls = (mps.Plane((0.0, 0.0), (0.0, 1.0)),)
@@ -116,8 +118,8 @@ def test_what_stands_wakes_when_gravity_turns(monkeypatch):
 
 @pytest.mark.parametrize("d", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_jolt_gives_a_free_block_the_velocity_of_its_distance_from_the_hinge(d):
-    """A table that turns about a hinge and stops gives what lies on it omega times the distance, in one step and to the
-    solver's tolerance, for a rigid turn strains nothing."""
+    """A hinged table that stops gives a body on it omega times the distance from the hinge, in one step and to the
+    solver's tolerance, since a rigid turn strains nothing."""
     low, high = ((0.2, 0.0), (0.8, 0.3)) if d == 2 else ((0.2, -0.2, 0.0), (0.6, 0.2, 0.3))
     jolt = mps.Jolt(0.1, (0.0,) * (d - 1) + (-0.1,), 2.0, pivot=low, axis=None if d == 2 else (0.0, 1.0, 0.0))
     fluid = mps.fill(mps.Box(low, high), L0)
@@ -141,14 +143,15 @@ def test_a_jolt_gives_a_free_block_the_velocity_of_its_distance_from_the_hinge(d
     ],
 )
 def test_a_layer_on_a_shaken_floor_slides_where_its_inertia_exceeds_the_yield_stress(frame, spacing, numerics):
-    """The lowest row of a layer of the height h yields where rho h a > tau_y, and nothing does below, within a
-    twentieth; a is the peak of the acceleration of the floor, in whose frame it is a gravity.
+    """The lowest row of a layer of the height h yields where rho h a > tau_y, and no row does below that, within a
+    twentieth; a is the peak acceleration of the floor, in whose frame it is a gravity.
 
-    More would slide at 0.95. With few outer iterations a layer that stands sways as an elastic one of the modulus
+    More would slide at 0.95. With few outer iterations a layer at rest oscillates as an elastic one of the modulus
     (iterations mu_r/step), whose period ten rows in short steps damp less than five. A sudden start leaves what the
     first step's iterations do not carry as a velocity, which the next steps must stop. And a floor has its mean
     velocity over each step, which changes by more than its acceleration from a long step to a short one: here steps are
-    equal, and the last one, cut short by the end of the run, is left out."""
+    equal, and the last one, cut short by the end of the run, is left out.
+    """
     turn, height, peak = 8.0 * np.pi, 0.5, 4.0  # [1/s], [m], [m/s2]
     rows = np.array(mps.vibration(turn / (2.0 * np.pi), peak / turn**2, (1.0, 0.0), end=0.5))
     given = {"gravity": tuple(map(tuple, rows))}

@@ -1,5 +1,5 @@
-"""Forecasts: memory beside the peak of whole runs, and the refusal of runs that do not fit; the steps and particles
-of a pour beside integrals in closed form, and their cost beside measured pours."""
+"""Forecasts: memory against the peak of whole runs, and the refusal of runs that do not fit; steps and particles of a
+pour against integrals in closed form, and their cost against measured pours."""
 
 import json
 import re
@@ -110,7 +110,8 @@ def poured(**changes):
 
 
 def test_steps_are_those_of_a_jet_that_falls_to_a_rising_level():
-    """Integral of U/(C l0) dt with U^2 = LANDING_RATIO^2 (a - b t); it falls to a heap as high as it is wide."""
+    """The steps are the integral of U/(C l0) dt with U^2 = LANDING_RATIO^2 (a - b t); the jet falls to a heap as high
+    as it is wide."""
     scene = poured()
     a = scene.inlets[0].speed(L0) ** 2 + 2.0 * G * (MOUTH - 2.0 * scene.inlets[0].radius)
     b = 2.0 * G * RATE / SIDE**2
@@ -120,7 +121,8 @@ def test_steps_are_those_of_a_jet_that_falls_to_a_rising_level():
 
 
 def test_steps_of_a_nozzle_are_those_of_its_speed():
-    """What it lays falls nowhere, however high the layer: 200 mm in 2 s are a fifth of a spacing in 10 ms."""
+    """Concrete laid by a nozzle does not fall, however high the layer: 200 mm in 2 s are a fifth of a spacing in 10
+    ms."""
     found = cost_of(Problem(catalogue.build("printing", model="path", layers=10, spacing=0.005), mps.Implicit()))
     assert found.steps == pytest.approx(20.0 / 0.01, rel=0.01)
 
@@ -131,7 +133,8 @@ def test_each_jolt_of_a_table_is_a_fall_more():
 
 
 def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch, tmp_path):
-    """Between measured sizes a power of them, and beyond the largest in proportion."""
+    """The cost is a power of the number of particles between measured sizes, and proportional to it beyond the
+    largest."""
     monkeypatch.setattr(forecast, "MEASURED", tmp_path / "cost.csv")
     (tmp_path / "cost.csv").write_text("100, 1e-3\n10000, 4e-2\n")
     told = forecast.seconds_of_a_step(np.array([1.0, 100.0, 1000.0, 10_000.0, 50_000.0]))

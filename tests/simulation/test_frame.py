@@ -54,7 +54,8 @@ def turned(across, dimension, turn, turns, material, spacing=0.01):
     ],
 )
 def test_a_rigid_body_that_turns_keeps_radius_energy_angular_momentum_and_volume(across, dimension, turn, turns, law):
-    """Within 0.5 % over two turns; with the gradient of the middle of the step the disc widens by 5 % a turn."""
+    """A rigid rotation keeps them within 0.5 % over two turns; with the gradient at the middle of the step the disc
+    would widen by 5 % a turn."""
     mps.init(precision="f32", threads=1)
     np.testing.assert_allclose(turned(across, dimension, turn, turns, LAWS[law]), 0.0, atol=0.005)
 
@@ -79,7 +80,8 @@ def heap(speed, spacing=0.005, until=0.6):
 
 @pytest.mark.slow
 def test_a_heap_on_a_floor_that_moves_is_the_heap_at_rest():
-    """As many steps, and the height of mass within 0.15 mm of 31: seen are 0.03 to 0.12 mm, of unknown cause."""
+    """The heap on a moving floor takes as many steps, and its centre of mass agrees within 0.15 mm of 31 mm; 0.03 to
+    0.12 mm are seen, of unknown cause."""
     mps.init(precision="f32", threads=1)
     (height, steps), *others = [heap(speed) for speed in (0.0, 0.1, 1.0, 5.0)]
     for other, as_many in others:

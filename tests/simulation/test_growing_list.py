@@ -1,4 +1,4 @@
-"""A neighbour list that turns out too short: the step is taken again with a longer one, and nobody can tell."""
+"""A neighbour list that is too short: the step is repeated with a longer one, without a trace in the result."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def simulation(*of):
     ids=["at once", "when the block comes near"],
 )
 def test_a_list_that_is_too_short_is_made_longer_and_the_step_is_taken_again(wall, height, steps):
-    """Eight steps, in one of which the list became longer, are the same bit for bit with a list that is long enough."""
+    """Eight steps, in one of which the list was enlarged, have the bits of a run with a list that is long enough."""
     sim = simulation(wall, height)
     start, room = sim.state(), [sim.neighbors.pair_capacity]
     for _ in range(8):

@@ -1,4 +1,4 @@
-"""Several mixes in one scene: a film of two layers against its closed form, and what is refused."""
+"""Several mixes in one scene: a film of two layers against its closed form, and refused scenes."""
 
 from dataclasses import replace
 
@@ -59,9 +59,9 @@ OWN = mps.FlowCurve(yield_value=20.0, typical_slope=20.0, shear_stress=own_law)
     ids=["stiff below", "stiff above", "laws", "thinning above", "own law above", "rigid below", "densities"],
 )
 def test_two_layers_of_any_law(lower, upper, error):
-    """From its steady velocity. Within 3 %, 5 rows each; 200 under 20 Pa s was 11 % off when each particle took the
-    strain rate of its fit for its own. Over a rigid layer as a film of five rows: 0.5 % at 20 across and the order 1.5
-    of films make 4 %."""
+    """A film of two layers with 5 rows each keeps its steady velocity within 3 %; 200 under 20 Pa s was 11 % off when
+    each particle took the strain rate of its fit for its own. Over a rigid layer it is a film of five rows: 0.5 % at 20
+    across and the order 1.5 of films make 4 %."""
     mps.init(arch="cpu")
     sim = mps.Simulation(two_mixes(lower, upper))
     state = sim.state()
@@ -82,7 +82,7 @@ def test_two_layers_of_any_law(lower, upper, error):
 
 @pytest.mark.long
 def test_a_newtonian_mix_at_rest_beside_one_with_a_critical_strain_rate():
-    """Neither a yield stress nor a rate: its viscosity is eta."""
+    """A mix with neither yield stress nor critical strain rate keeps the viscosity eta."""
     water = mps.Newtonian(density=2000.0, viscosity=10.0)
     stiff = mps.Bingham(yield_value=100.0, plastic_viscosity=50.0, critical_strain_rate=0.1)
     sim = mps.Simulation(two_mixes(water, stiff))

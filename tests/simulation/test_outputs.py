@@ -1,5 +1,5 @@
-"""Outputs steer nothing: a run has the same bits whatever is read of it and when; frames between two steps are
-interpolated; a run that was interrupted goes on with the same steps and the same frames."""
+"""Outputs do not change a run: it has the same bits whatever is read and when; frames between two steps are
+interpolated; a resumed run has the same steps and frames."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -56,7 +56,7 @@ def with_outputs(sim, start, every) -> tuple:
     ids=["film", "rings", "quarter", "sleeping", "semi-implicit"],
 )
 def test_a_run_does_not_know_its_outputs(scene, keywords, numerics, until):
-    """Time of the end, steps and every bit, without outputs and with those of any interval."""
+    """End time, steps and every bit are equal without outputs and with outputs of any interval."""
     sim = mps.Simulation(catalogue.build(scene, until=until, **keywords), numerics)
     start = sim.state()
     alone, _ = with_outputs(sim, start, None)
@@ -117,7 +117,8 @@ def recorded(folder, sim, stop_at=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["implicit", "semi-implicit"])
 def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, scheme):
-    """Though it was interrupted between two outputs, of which the next lies in a step that begins in a checkpoint."""
+    """Steps and frames are the same although the run was interrupted between two outputs, the next of which lies in the
+    step after the checkpoint."""
     rings = {"model": "axisymmetric", "spacing": 0.02} if scheme == "implicit" else {"spacing": 0.04}
     scene = catalogue.build("slump", until=0.12, **rings)
     numerics = mps.Implicit() if scheme == "implicit" else mps.SemiImplicit()

@@ -1,4 +1,4 @@
-"""A scene compiles and stores only what it uses: whatever else is called while it compiles would raise."""
+"""A scene compiles and stores only what it uses: anything else that is called while it compiles raises here."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ NEWTONIAN = mps.Newtonian(density=2300.0, viscosity=50.0)
     ids=["bingham", "bi-viscosity"],
 )
 def test_a_law_compiles_its_own_functions_only_and_without_output_nothing_is_read_back(pi_c, others, forbid):
-    """No callback asks for positions or pressure: no snapshot is made, no measure taken."""
+    """Without a callback that asks for positions or pressure no snapshot is made and no measure taken."""
     forbid(stress, others)
     forbid(simulation.Simulation, "snapshot")
     calls = []

@@ -1,4 +1,4 @@
-"""Placing: what enters through an inlet, when it stops, what a form holds of it, and bars written as a mesh."""
+"""Placing: inflow through an inlet and its end, the volume in a form, and bars written as a mesh."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -137,7 +137,7 @@ def test_a_buried_mouth_holds_the_layers_back(scene):
 
 
 def test_a_layer_has_the_area_that_its_speed_is_taken_from():
-    """Across any hose the lattice is a spacing wide, and a mirror plane along the axis leaves half of it."""
+    """Across any hose the lattice has the spacing l0, and a mirror plane along the axis leaves half of it."""
     for direction in ((0.0, 0.0, -1.0), (1.0, 0.0, -1.0), (1.0, 2.0, 3.0)):
         inlet = mps.Inlet((0.1, 0.0, 0.5), direction, 0.05, 0.01, 0.02)
         x = inlet.layer(0.01)
@@ -167,7 +167,8 @@ def body(where=lambda x: np.full(len(x), True)):
 
 
 def test_a_lattice_fills_a_form_and_a_hole_in_it_is_a_void():
-    """Half a cell at each face of the hole is within reach of the particles around it; its volume is what they lack."""
+    """The volume of a void is that of the hole less half a cell at each of its faces, which the particles around it
+    reach."""
     report = FORM.report(body())
     assert report["filled_ratio"] == 1.0 and report["void_m3"] == 0.0 and report["void_centre"] is None
     low, n = np.array([0.03, 0.02, 0.04]), 4
@@ -183,7 +184,8 @@ def test_a_lattice_fills_a_form_and_a_hole_in_it_is_a_void():
 
 
 def test_a_form_that_is_half_full_and_what_lies_outside_of_it():
-    """The cell above the surface is filled, its middle is 0.83 spacings from four particles; the ratio is exact."""
+    """The filled ratio is exact: the cell above the surface, whose middle is 0.83 spacings from four particles, counts
+    as filled."""
     half = body(lambda x: x[:, 2] < 0.05)
     report = FORM.report(half)
     assert report["filled_ratio"] == pytest.approx(0.5)
@@ -233,7 +235,7 @@ def test_bars_are_written_closed_and_read_back_with_their_volume(tmp_path):
 
 
 def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
-    """A level bar of square section is a form of 0.2 x 0.2 x 0.6 m, drawn as the room in it."""
+    """The room of a horizontal bar of square section drawn as a mesh is a form of 0.2 x 0.2 x 0.6 m."""
     pytest.importorskip("igl")
     side = 0.1 / np.sqrt(np.pi / 4.0)  # radius of the round bar with the area of a square of 0.2 m
     path = mps.write_bars(tmp_path / "form.stl", [[(0.0, 0.0, 0.0), (0.6, 0.0, 0.0)]], side, sides=4)
@@ -260,7 +262,7 @@ def test_a_mesh_in_millimetres_needs_a_scale(tmp_path):
 
 
 def test_a_form_from_a_file_is_poured_through_its_opening(tmp_path):
-    """A trough of 300 x 120 x 200 mm with a narrower neck of 100 mm: all of its room, through the neck."""
+    """A trough of 300 x 120 x 200 mm is filled completely through its narrower neck of 100 mm."""
     pytest.importorskip("igl")
     trough = np.vstack([box((0, 0, 0), (0.3, 0.12, 0.2)), box((0.1, 0.0, 0.2), (0.2, 0.12, 0.3))])
     meshio.write(tmp_path / "t.ply", meshio.Mesh(trough.reshape(-1, 3), [("triangle", np.arange(72).reshape(-1, 3))]))
@@ -280,7 +282,7 @@ def test_a_form_from_a_file_is_poured_through_its_opening(tmp_path):
 
 @pytest.mark.slow
 def test_a_hose_that_is_lowered_fits_between_the_curtains():
-    """Bars of 10 mm with 25 mm of cover: their inner sides are 108 mm apart, 0.2 - 2 (0.025 + 2.1 x 0.01)."""
+    """The inner sides of bars of 10 mm with 25 mm of cover are 108 mm apart, 0.2 - 2 (0.025 + 2.1 x 0.01)."""
     thin = {"spacing": 0.035, "bar_diameter": 0.01, "cover": 0.025, "length": 0.4, "hose": "moving"}
     with pytest.raises(mps.SceneError, match=r"hose_diameter = 0.12 m: must be at most 0.10[78] m, .* or hose = above"):
         catalogue.build("wall", **thin)
@@ -289,7 +291,8 @@ def test_a_hose_that_is_lowered_fits_between_the_curtains():
 
 
 def test_the_wall_judges_what_lies_in_it():
-    """Its form full of a lattice, as much as is poured, passes; a particle too few, or one in the rebar, does not."""
+    """The check of the wall passes for a form full of a lattice, as much as is poured, and fails with a particle too
+    few or in the rebar."""
     wall = catalogue.build("wall")
     x = mps.lattice((0.0, 0.0, 0.0), (0.8, 0.1, 0.4), wall.spacing)
     x = x[np.min([surface.distance(x) for surface in wall.walls], axis=0) > 0.0]

@@ -1,4 +1,4 @@
-"""Checks of a run on itself: error of the volume, a result that is no number, the edge of the domain."""
+"""Checks that a run makes of itself: error of the volume, results that are no number, the edge of the domain."""
 
 import math
 import warnings
@@ -57,7 +57,8 @@ def test_a_volume_that_was_not_kept_on_the_way_is_a_warning_with_a_remedy(block)
 
 # ---- rest ------------------------------------------------------------------------------------------------------
 def test_every_step_counts_for_the_rule_of_rest_also_one_that_ends_a_run(block, monkeypatch):
-    """Else a run that is stopped and goes on would come to rest at another step than one that is not."""
+    """The rest rule sees every step, also the last of a run, since otherwise a resumed run would come to rest at
+    another step."""
     sim, counted = begun(block, stop_at_rest=True), []
     monkeypatch.setattr(sim.rest, "reached", lambda s: counted.append(s.steps))
     sim.run(until=0.02)
@@ -129,7 +130,7 @@ def test_who_reaches_the_edge_of_the_domain_is_told_which_and_what_enlarges_it()
 @pytest.mark.slow
 @pytest.mark.parametrize(("viscosity", "reaches"), [(1.0, 0.5), (0.1, 0.6)])
 def test_a_thin_mix_stays_on_the_floor_of_the_slump_test(viscosity, reaches):
-    """1 Pa and 0.1 Pa s run out to 1 m, where the usual room ends at 0.555 m."""
+    """A mix of 1 Pa and 0.1 Pa s spreads to 1 m without leaving the domain, whose default ends at 0.555 m."""
     given = dict(yield_value=1.0, plastic_viscosity=viscosity, spacing=0.02, model="axisymmetric")
     sim = mps.Simulation(replace(catalogue.build("slump", **given), measure=None))  # nothing is left at the axis
     with warnings.catch_warnings():
@@ -139,7 +140,8 @@ def test_a_thin_mix_stays_on_the_floor_of_the_slump_test(viscosity, reaches):
 
 
 def test_of_what_falls_moves_and_is_poured_the_speeds_together_bound_a_run():
-    """Beyond ten times that sum a run has diverged, and what leaves the domain faster than it is an instability."""
+    """Beyond ten times the sum of the speeds of falling, moving and pouring a run has diverged, and particles that
+    leave the domain faster are an instability."""
     floor = replace(parts()["walls"][0], velocity=(2.0, 0.0))
     scene = mps.Scene(**parts(walls=(floor,), velocity=np.tile((0.0, -3.0), (25, 1)), inlets=(hose(),)))
     fall = math.sqrt(2.0 * 9.81 * 3.0 * math.sqrt(2.0))  # through the diagonal of the domain
@@ -148,7 +150,8 @@ def test_of_what_falls_moves_and_is_poured_the_speeds_together_bound_a_run():
 
 @pytest.mark.slow
 def test_plates_that_close_push_the_fluid_out_as_fast_as_continuity_asks():
-    """At 0.01 m/s, 22 times as long as wide: out at 0.11 m/s in the mean, within a tenth, which is no runaway."""
+    """Plates 22 times as long as wide that close at 0.01 m/s push the fluid out at 0.11 m/s in the mean, within a
+    tenth, which does not count as a divergence."""
     speed, spacing, half, gap = 0.01, 0.0025, 0.22, 0.02
     plates = [mps.Plane((0.0, y), (0.0, n), velocity=(0.0, n * 0.5 * speed)) for y, n in ((0.0, 1.0), (gap, -1.0))]
     fluid = mps.lattice((-half, 0.0), (half, gap), spacing)
@@ -178,7 +181,8 @@ def test_a_step_shorter_than_an_instant_is_refused_and_one_of_it_is_taken(block,
 
 
 def test_a_step_ends_where_a_hose_opens(block, monkeypatch):
-    """Else long steps of a stiff mix would carry the first layer far in front of the mouth."""
+    """A step ends when a hose opens, since a long step of a stiff mix would carry the first layer far in front of the
+    mouth."""
     sim, ends = begun(block), []
     hoses = [SimpleNamespace(entered=0, delay=0.0, next=opens, pour=lambda *_: 0.0) for opens in (0.0123, 0.0345)]
     monkeypatch.setattr(sim, "pouring", hoses)

@@ -1,4 +1,4 @@
-"""Reproducibility bit for bit: with one thread or two, and from a saved state.
+"""Results are equal bit for bit with one thread or two, and from a saved state.
 
 Compiled without fast_math: with it one thread and a team of two run kernels in which LLVM may contract and regroup the
 same arithmetic in two ways, and on some processors it does.

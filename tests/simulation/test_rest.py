@@ -1,4 +1,4 @@
-"""The rest rule (I15) on motions whose way to the end is known."""
+"""The rest rule (I15) on motions whose remaining displacement is known."""
 
 from dataclasses import asdict
 from types import SimpleNamespace
@@ -31,15 +31,16 @@ def stop(speed, material, fraction=1.0, again=None, until=1000.0):
 
 @pytest.mark.parametrize("natural", [0.2, 3.0, 40.0])
 def test_of_a_flow_that_ceases_exponentially_no_more_is_left_than_the_bound(natural):
-    """exp(-t/T): what is left is speed times T. The rule asks for the bound and, for sqrt(H/g), for all that is below;
-    it looks once in an e-fold, so no less than a third of it is left in slow flows."""
+    """Of exp(-t/T) the displacement left, speed times T, is at most the bound, also in sqrt(H/g); the rule looks once
+    in an e-fold, so at least a third of the bound is left in slow flows."""
     ends, bound = stop(lambda t: 0.2 * np.exp(-t / natural), mps.Bingham())
     left = 0.2 * np.exp(-ends / natural) * natural
     assert left < bound and (left > bound / 3.0 or natural < 1.0)
 
 
 def test_of_a_layer_that_slows_down_as_one_over_the_square_of_time_at_most_thrice_the_bound_is_left():
-    """Its speed is c/t^2 after a fast start, what is left c/t; an e-fold takes 0.39 t."""
+    """After a fast start a layer with the speed c/t^2, of which c/t is left, stops between one and three times the
+    bound; an e-fold takes 0.39 t."""
     c, material = 0.01, mps.Bingham()
     ends, bound = stop(lambda t: c / (0.1 + t) ** 2, material)
     assert bound < c / (0.1 + ends) < 3.0 * bound
@@ -61,7 +62,7 @@ def test_what_goes_on_or_has_no_true_yield_stress_is_never_at_rest(speed, materi
 
 
 def test_a_front_before_a_large_body_that_stands_is_not_at_rest():
-    """A thousandth of the body at 10 mm/s: 0.3 mm/s in the mean."""
+    """A thousandth of the body at 10 mm/s, 0.3 mm/s in the mean, is not at rest."""
     material = mps.Bingham()
     assert stop(lambda t: 0.01, material, fraction=0.001, until=20.0) is None
     ends, _ = stop(lambda t: 0.01 if t < 2.0 else 0.0, material, fraction=0.001)
@@ -75,7 +76,8 @@ def test_what_a_checkpoint_should_not_hold_is_refused(written):
 
 
 def test_what_a_travelling_wall_touches_is_not_at_rest():
-    """A floor that sinks by 0.1 m/s below particles that stand 5 mm above it: 21 mm away after 0.16 s."""
+    """Particles 5 mm above a floor that sinks by 0.1 m/s are at rest only 0.16 s later, when they are 21 mm away from
+    it."""
     rest, floor = Rest(), mps.Plane((0.0, 0.0), (0.0, 1.0), velocity=(0.0, -0.1))
     problem = Problem(mps.Scene(**parts(spacing=SPACING, walls=(floor,))))
     particles = SimpleNamespace(read=lambda: {"x": np.array([[0.0, 0.005], [0.0, 0.015]])})
@@ -110,7 +112,8 @@ def test_a_cone_that_stands_is_quiet(spacing, passes):
 
 
 def test_a_body_that_is_set_aside_as_a_whole_comes_to_rest():
-    """Between steps of all it has no speed, from which that of the next would be another motion."""
+    """A body that is left out as a whole comes to rest: its zero speed between steps of all particles does not count as
+    the start of another motion."""
     scene = mps.slump_cone(model="quarter", spacing=0.0125, yield_value=1500.0, until=1.0)
     sim, left_out = mps.Simulation(scene, mps.Implicit(sleep="on")), []
     sim.each_step(lambda s: left_out.append(s.scheme.active_set.left_out))
@@ -122,7 +125,8 @@ def test_a_body_that_is_set_aside_as_a_whole_comes_to_rest():
     [pytest.param(1.0, id="Bingham"), pytest.param(0.5, id="Herschel-Bulkley", marks=pytest.mark.slow)],
 )
 def test_repacking_takes_no_more_power_than_viscosity_dissipates(exponent):
-    """After 0.4 s of 300 Pa and 50 Pa s^n, where the packing asks for more: tau_y |s| = (tau - tau_y) rate."""
+    """After 0.4 s at 300 Pa and 50 Pa s^n the wanted divergence s meets its bound, tau_y |s| = (tau - tau_y) rate,
+    where the packing asks for more."""
     law = {"yield_value": 300.0} | ({} if exponent == 1.0 else {"consistency": 50.0, "flow_index": exponent})
     sim = mps.Simulation(mps.slump_cone(model="axisymmetric", spacing=0.02, **law))
     sim.run(until=0.4)

@@ -1,5 +1,5 @@
-"""Equal Bingham number, rho^2 g H^3/eta^2 and spacing/H: equal results. With lengths times 1/4 and 4 all scales are
-powers of two, exact in binary, so every difference would be a constant that carries a unit."""
+"""Results depend only on the Bingham number, rho^2 g H^3/eta^2 and spacing/H. With lengths times 1/4 and 4 all scales
+are powers of two, exact in binary, so a difference shows a constant with a unit."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Processes, threads, several Simulations, and init called again: it works, or one clear error says what does."""
+"""Processes, threads, several Simulations and repeated init: each works, or one clear error says how to do it."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -30,7 +30,8 @@ def in_threads(*calls):
 
 
 def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix_until_init_is_called_again():
-    """The first step is taken in the thread that called init(), as a Simulation is made there."""
+    """Two simulations are independent in turn and in parallel; the first step is taken in the thread that called
+    init(), in which a Simulation is made."""
     sims = film(angle=20.0), film(angle=10.0)
     for error in in_threads(film, sims[0].step):
         assert isinstance(error, RuntimeError) and "takes its first step, in that which called init()" in str(error)

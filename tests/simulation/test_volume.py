@@ -12,8 +12,8 @@ from tests.support.inside import in_order
 
 @pytest.mark.slow
 def test_packing_counts_volume_whatever_the_disorder():
-    """Vortices in a periodic box of fixed volume stir the lattice: the mean packing stays that of the lattice
-    within one and a half per cent."""
+    """Vortices in a periodic box of fixed volume stir the lattice, and the mean packing stays that of the lattice
+    within 1.5 %."""
     l0 = 1.0 / 24.0
     x = mps.lattice((0.0, 0.0), (1.0 - 0.5 * l0,) * 2, l0)
     k = 2.0 * np.pi
@@ -38,7 +38,8 @@ def test_packing_counts_volume_whatever_the_disorder():
 
 @pytest.mark.long
 def test_a_mini_cone_keeps_its_volume():
-    """At 2 mm, where the cake is three particles thick: within 1.5 % on the way, as docs/scenes/mini_cone.md says."""
+    """At 2 mm, where the cake is three particles thick, the volume is within 1.5 % throughout, as
+    docs/scenes/mini_cone.md says."""
     sim = mps.Simulation(catalogue.build("mini_cone", spacing=0.002, model="quarter"))
     assert sim.run() == "rest"
     assert sim.measures()["slump_m"] > 0.8 * 0.0572
@@ -47,7 +48,8 @@ def test_a_mini_cone_keeps_its_volume():
 
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(dimension):
-    """The surface normals of a pair point to each other, so none is enclosed; what is lost is found all the same."""
+    """The loss of volume is found although the surface normals of a pair point to each other, so that no particle is
+    enclosed."""
     spacing, side = 0.01, {2: 20, 3: 8}[dimension]
     x = mps.lattice((0.0,) * dimension, (side * spacing - 0.5 * spacing,) * dimension, spacing)
     twins = x + 0.3 * spacing * np.eye(dimension)[0]
@@ -66,9 +68,9 @@ def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(d
 
 @pytest.mark.slow
 def test_all_that_a_hole_in_a_full_closed_box_lacks_is_wanted():
-    """Nothing in it can be a void: one particle of 16 x 16 is missing, 12 % of the packing around it, and all move as
-    u_x = y. A step that strains little takes a twentieth of it, times its strain over 0.02; elsewhere only the mean.
-    The change of the divergence to the end of the step, dt/2 tr(G G), is left aside."""
+    """A hole in a full box cannot be a void: with one particle of 16 x 16 missing, 12 % of the packing around it, and
+    all moving as u_x = y, a step with little strain corrects a twentieth of it times its strain over 0.02, and
+    elsewhere only the mean. The change of the divergence to the end of the step, dt/2 tr(G G), is left out."""
     l0 = 1.0 / 16.0
     x = mps.fill(mps.Box((0.0, 0.0), (1.0, 1.0)), l0)
     x = x[np.abs(x - 0.5 * (1.0 + l0)).max(1) > 0.1 * l0]

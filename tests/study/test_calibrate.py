@@ -1,4 +1,5 @@
-"""Calibration: known constants come back within their intervals, by any tests; what no mix has is refused."""
+"""Calibration: known constants are recovered within their intervals by any tests, and impossible measurements are
+refused."""
 
 import json
 import math
@@ -84,8 +85,8 @@ def table():
     ids=["closed form", "two tests", "internal friction"],
 )
 def test_the_intervals_hold_known_constants_as_often_as_they_say(table, tests, errors, ranges, draws):
-    """At least as often, as the errors of tables widen them and are not drawn; of the closed form no more often either,
-    within 2.4 standard errors of so many draws."""
+    """The 95 % intervals hold the constants at least that often, since the errors of tables widen them and are not
+    drawn, and for the closed form no more often, within 2.4 standard errors of the number of draws."""
     random, held, known = (
         np.random.default_rng(1),
         [],
@@ -106,7 +107,8 @@ def test_the_intervals_hold_known_constants_as_often_as_they_say(table, tests, e
 
 
 def test_the_scatter_is_that_of_the_cases_of_a_like_yield_stress():
-    """Noise of 8 mm at 20 Pa that halves with each yield stress is told there, and the mean square of all is kept."""
+    """Noise of 8 mm at 20 Pa that halves with each yield stress is found at each of them, and the mean square over the
+    table is kept."""
     random, rows = np.random.default_rng(0), table_of(16, 9)
     yields = sorted({row["yield_value"] for row in rows})
     noise = {tau: 0.008 * 0.5**k for k, tau in enumerate(yields)}
@@ -122,8 +124,8 @@ def test_the_scatter_is_that_of_the_cases_of_a_like_yield_stress():
 
 
 def test_soft_mixes_scatter_more_in_the_table_of_the_package():
-    """The errors of a fit are those at its mix: a slump flow of 30 Pa is 615 to 547 mm along the viscosity, up and
-    down, one of 300 Pa within 2 mm of a smooth curve."""
+    """The error of a fit is that at its mix: in the table the slump flow at 30 Pa scatters between 615 and 547 mm along
+    the viscosity, and that at 300 Pa is within 2 mm of a smooth curve."""
     soft, stiff = (calibrate(spread=flow, plastic_viscosity=50.0, check=False) for flow in (0.585, 0.35))
     of_table = [math.sqrt(mix.errors["spread_m"] ** 2 - 0.01**2) for mix in (soft, stiff)]
     assert of_table[0] > 2.0 * of_table[1] and of_table[1] < 0.002
@@ -132,7 +134,7 @@ def test_soft_mixes_scatter_more_in_the_table_of_the_package():
 
 @pytest.mark.parametrize("test", ["slump", "mini_cone", "v_funnel", FRICTION_TABLE])
 def test_no_mix_beyond_a_table_is_looked_up(test):
-    """At the ends of the table themselves it is; without a word it was that of the end."""
+    """A mix beyond the table is refused with the range of the table, and the ends of the table themselves are valid."""
     emulator = emulator_of(test=test)
     for point in (emulator.low, emulator.high):
         assert all(np.isfinite(value) or name == "t500_s" for name, value in emulator.at(*point).items())
@@ -148,7 +150,8 @@ def test_no_mix_beyond_a_table_is_looked_up(test):
 
 @pytest.mark.parametrize("told", [{"slump": 0.29, "plastic_viscosity": 50.0}, {"spread": 0.8}, {"mini_cone": 0.2}])
 def test_one_measurement_alone_contradicts_nothing(told):
-    """It is beyond the table, and how far is said."""
+    """A single measurement that no mix of the table has is reported with the distance of the nearest mix, not as a
+    contradiction."""
     found = calibrate(**told, check=False)
     name = f"{next(iter(told))}_m"
     assert not found.fits and not found.contradictory and "contradict" not in str(found)
@@ -157,8 +160,8 @@ def test_one_measurement_alone_contradicts_nothing(told):
 
 
 def test_a_mix_beyond_the_table_is_said_to_be_so(table):
-    """2000 Pa are its end. 4000 Pa slump less than anything in it, and least of that where the viscosity is high, which
-    says nothing of the viscosity."""
+    """A slump for 4000 Pa is reported as at the edge of a table to 2000 Pa; it is least where the viscosity is high,
+    which determines no viscosity."""
     stiff, known = (fit(table, {"slump_m": (closed_form(tau, 50.0)["slump_m"], 0.001)}, DENSITY) for tau in (4e3, 1e3))
     assert stiff.at_the_edge[0] == "yield_value" and "edge of the table (yield stress 20 to 2000 Pa" in str(stiff)
     assert stiff.plastic_viscosity.lower is None and stiff.plastic_viscosity.upper is None
@@ -166,7 +169,8 @@ def test_a_mix_beyond_the_table_is_said_to_be_so(table):
 
 
 def test_a_table_that_a_spreadsheet_saved_is_the_same(tmp_path):
-    """With semicolons and decimal commas; one cell too many is named by its line."""
+    """A table with semicolons and decimal commas is read as the original, and a row with a cell too many is named by
+    its line."""
     text, path = (TABLES / "v_funnel.csv").read_text(), tmp_path / "results.csv"
     head = text.index("status")
     path.write_text("\ufeff" + text[:head] + text[head:].replace(",", ";").replace(".", ","), encoding="utf-8")
@@ -245,8 +249,8 @@ def test_it_says_which_constant_each_test_determines():
 
 
 def test_cones_of_one_shape_are_alike():
-    """Kantro's cone is the standard one, 5.24 times smaller: over the height it spreads alike where tau/(rho g H) and
-    eta/(rho sqrt(g H^3)) are the same."""
+    """Kantro's cone is the standard one 5.24 times smaller: the spread over the height is the same where tau/(rho g H)
+    and eta/(rho sqrt(g H^3)) are, within twice the scatter of the tables."""
     small, large = emulator_of(test="mini_cone"), emulator_of()
     ratio = 0.0572 / 0.3
     yields, viscosities = np.log(np.geomspace(60.0, 1000.0, 9) / DENSITY), np.log(np.full(9, 100.0) / DENSITY)
@@ -257,7 +261,8 @@ def test_cones_of_one_shape_are_alike():
 
 
 def test_contradictions_are_one_sentence_with_both_answers():
-    """Each alone at the plastic viscosity that was found or, where none is determined, at a usual one."""
+    """A contradiction is reported with the constant by each measurement alone, at the plastic viscosity found or, where
+    none is determined, at the default one."""
     tests = {"slump": 0.15, "mini_cone": 0.1}
     found = calibrate(**tests, check=False)
     assert not found.plastic_viscosity.determined and found.others["plastic_viscosity"] == 50.0
@@ -337,7 +342,8 @@ def test_what_nobody_explains_is_told_with_the_nearest(mix, told, said):
     ids=lambda row: " ".join(f"{row[name]:g}" for name in FRICTIONAL),
 )
 def test_mixes_that_were_run_are_in_their_intervals(row):
-    """As the engine computed them: three of another viscosity than the nodes, two at a finer spacing."""
+    """Mixes computed by the engine, three with another viscosity than the nodes and two at a finer spacing, lie in the
+    intervals of their fit."""
     mix = frictional_mix({name: (row[name], error) for name, error in ERRORS.items()}, DENSITY, {})
     assert mix.explains and all(holds(mix.constants[name], row[name]) for name in FRICTIONAL)
 
@@ -354,7 +360,7 @@ def test_a_list_counts_mixes_with_friction_apart():
 
 
 def test_the_command_told_computes_the_measured_slump(capsys):
-    """The run that is told is one of the scene: its words are options of run."""
+    """The reported command is a valid run of the scene."""
     known = cone(60.0, 15.0)
     assert main(["calibrate", "--no-check", *(f"--{name}={value}" for name, value in known.items())]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if "to run it" in line)
@@ -391,7 +397,7 @@ def test_bad_input_is_refused(told, said):
 
 
 def test_a_lifted_mould_counts_as_what_two_runs_say(monkeypatch):
-    """What lifting changes is taken off what was measured: 5 mm of slump and -5 mm of slump flow."""
+    """The effect of lifting by two runs, 5 mm of slump and -5 mm of slump flow, corrects the measurements."""
     lengths = (0.18, 0.32), (0.175, 0.325)
     rows = iter(
         {"status": "done", "reason": "", "slump_m": slump, "spread_m": flow, "t500_s": None} for slump, flow in lengths

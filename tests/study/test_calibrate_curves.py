@@ -1,4 +1,5 @@
-"""Constants from measured curves: known ones come back, with what intervals; files as people write them; refusals."""
+"""Constants from measured curves: known ones are recovered with valid intervals, files are read as people write them,
+and bad input is refused."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -61,7 +62,7 @@ def found(tmp_path, file, free="yield_value,plastic_viscosity", name="study", **
 
 @pytest.mark.parametrize("late", [0.0, 0.3])
 def test_known_constants_come_back_and_the_offset_of_time(tmp_path, exact, late):
-    """Coarse runs that are wrong by 5 % are corrected by finer ones; a study that is done computes nothing again."""
+    """Coarse runs with an error of 5 % are corrected by finer ones, and a finished study computes nothing again."""
     time = np.linspace(0.0, 6.0, 25)
     file = written(tmp_path / "film.csv", time, closed(time - late, **TRUE))
     free = ",".join([*TRUE, curves.OFFSET] if late else TRUE)
@@ -78,8 +79,8 @@ def test_known_constants_come_back_and_the_offset_of_time(tmp_path, exact, late)
 @pytest.mark.slow
 @pytest.mark.parametrize("scatter", [0.0, 0.01])
 def test_intervals_hold_the_constants_as_often_as_they_say(tmp_path, exact, scatter):
-    """95 % of draws with independent errors, within 3 standard errors of 30 draws of two constants; also where runs
-    scatter as those of particles do."""
+    """The 95 % intervals hold two constants in 95 % of 30 draws with independent errors, within 3 standard errors, also
+    where runs scatter as those of particles do."""
     random, time, held, exact.scatter = np.random.default_rng(1), np.linspace(0.1, 6.0, 30), [], scatter
     for draw in range(30):
         flow = closed(time, **TRUE) + 0.004 * random.standard_normal(len(time))
@@ -89,7 +90,7 @@ def test_intervals_hold_the_constants_as_often_as_they_say(tmp_path, exact, scat
 
 
 def test_what_a_curve_does_not_determine_is_told(tmp_path, exact):
-    """Of a body at rest no viscosity is known, and two curves are told apart by what they determine."""
+    """A curve of a body at rest is reported to determine no viscosity, and a second one to determine it."""
     time = np.linspace(30.0, 40.0, 12)
     flow = closed(np.full(12, 1e3), **TRUE) + 1e-4 * np.cos(7.0 * time)
     fit = found(tmp_path, written(tmp_path / "rest.csv", time, flow), finer=False, spacing=0.012)
@@ -123,7 +124,8 @@ def test_a_film_is_read_as_people_write_it(tmp_path, text, times, values):
 
 
 def test_columns_that_are_keywords_of_the_scene_make_runs_of_their_own(tmp_path):
-    """Two blocks in one file; torques at speeds are end values, a run each."""
+    """Two blocks of settings in one file are two tests, and torques at several speeds are end values with a run
+    each."""
     (tmp_path / "dams.csv").write_text(
         "column_width [mm],column_height [cm],time [s],flow [mm]\n21,4,0.1,30\n21,4,0.2,50\n30,2,0.1,20\n30,2,0.2,30\n"
     )
@@ -181,8 +183,8 @@ def test_a_curve_that_no_run_comes_to_is_refused(tmp_path, exact, end):
 
 @pytest.mark.slow
 def test_the_engine_finds_its_own_constants(tmp_path, monkeypatch, capsys):
-    """Its slump and slump flow over a second, at 420 Pa and 65 Pa s, from another start, by the command line: the mix
-    within the 3 % by which 57 particles scatter, its case file and its chart."""
+    """By the command line the constants of a run with 420 Pa and 65 Pa s are recovered from its slump and slump flow
+    over a second and another start, within the 3 % by which 57 particles scatter, with a case file and a chart."""
     course = curves.run_with_history(curves.case("slump", **TRUE, **BODY, until=1.0))["course"]
     rows = list(zip(*(course[name] for name in ("time_s", "slump_m", "spread_m")), strict=True))[4::6]
     text = "time,slump,slump flow\n" + "".join(f"{t:.4f},{slump:.5f},{flow:.5f}\n" for t, slump, flow in rows)

@@ -1,4 +1,4 @@
-"""A laboratory's list: finite elements come out as what they were made with, contradictions get two answers."""
+"""A laboratory's list: finite elements give back the constants of their input, and contradictory tests two answers."""
 
 import csv
 import json
@@ -72,7 +72,7 @@ def test_each_line_gets_its_verdict(found):
 
 @pytest.mark.parametrize("broken", [False, True])
 def test_workers_find_what_one_process_finds(rows, found, broken, monkeypatch):
-    """Also where they are broken before the first row."""
+    """Workers give the results of one process, also where they fail before the first row."""
     pool = ThreadPoolExecutor(2, initializer=int, initargs=("no number",) * broken)
     monkeypatch.setattr(mixes, "executor_of", lambda *_: (lambda: pool, None))
     assert calibrate_list(rows, executor="local") == found
@@ -95,7 +95,8 @@ def test_options_that_a_list_cannot_have_are_refused(tmp_path, capsys, options, 
 
 
 def test_the_command_writes_table_chart_and_page_and_overwrites_nothing(tmp_path, capsys):
-    """Also of V-funnel and mini-cone, and of a rheometer's yield stress."""
+    """The command writes table, chart and page, also of V-funnel, mini-cone and a rheometer's yield stress, and
+    overwrites no file."""
     exact = calibrate(mini_cone=0.09, v_funnel=6.0, check=False)
     text = (
         "mix,Mini-cone [cm],V funnel [s],yield_value [Pa],slump\nboth,9,6,,\nknown,,6,60,\nnone,,,60,\nword,,,,soft\n"
@@ -249,7 +250,8 @@ def test_what_is_no_list_is_refused_in_one_line(tmp_path, text, said):
 
 
 def test_what_a_list_cannot_say_is_told_and_its_own_columns_are_kept(tmp_path, capsys):
-    """Under no name of ours, and as no formula; also of silica fume, SF, and of a row without a measurement."""
+    """Columns with a name of the results are renamed and formulas are escaped; silica fume, SF, is no slump flow, and a
+    row without a measurement is refused."""
     text = (
         "mix,slump [mm],slump flow [mm],t500 [s],SF [kg/m3],verdict,reason,yield_value_found,,=2*3\n"
         "A,180,320,,30,good,-1,1,x,@SUM(A1)\nA,180,320,3,5,30,,1,,,\nA,180\n#4,,,,,,,,,-5\n"

@@ -1,4 +1,4 @@
-"""Which slump to order: the border of mixes that fill a form, found with few runs, kept, and told as a slump."""
+"""Which slump to order: the border of mixes that fill a form, found with few runs, kept, and reported as a slump."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +29,8 @@ def run(case):
 
 
 def test_the_border_is_found_with_fewer_runs_than_a_map_has_points():
-    """Halving alone would take log2(ln 100/ln 1.1) = 6 runs after both ends of each viscosity, 32 in all."""
+    """Bisection alone would take log2(ln 100/ln 1.1) = 6 runs after both ends of each viscosity, 32 in all; the borders
+    take fewer."""
     mixes = {}
     while ahead := next_mixes(mixes, VISCOSITIES, LOW, HIGH, WITHIN):
         assert len(ahead) <= len(VISCOSITIES) and not set(ahead) & set(mixes)
@@ -44,7 +45,8 @@ def test_the_border_is_found_with_fewer_runs_than_a_map_has_points():
     ("eta", "full", "short"), [(20.0, 100.0, HIGH), (50.0, 100.0, 400.0), (80.0, None, 400.0), (10.0, 100.0, HIGH)]
 )
 def test_what_a_stiffer_mix_does_a_softer_one_does_too(eta, full, short):
-    """At 50 Pa s 100 Pa fill and 400 Pa do not; 1000 Pa do not at 10 Pa s either."""
+    """From 100 Pa that fill and 400 Pa that do not at 50 Pa s, and 1000 Pa that do not at 10 Pa s, the bracket of each
+    viscosity follows."""
     mixes = {(100.0, 50.0): True, (400.0, 50.0): False, (HIGH, 10.0): False}
     assert bracket(mixes, eta, LOW, HIGH) == (full, short)
 

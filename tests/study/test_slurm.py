@@ -1,5 +1,5 @@
-"""Slurm: a job that dies is a row with its reason, the jobs of a study that was killed are found again, and nothing
-that lies in their folder is run."""
+"""Slurm: a job that dies is a row with its reason, jobs of a killed study are found again, and no file in their folder
+is run."""
 
 import os
 import shutil
@@ -76,7 +76,8 @@ def test_a_job_that_dies_without_a_word_is_a_row_with_its_reason(tmp_path, notes
 
 
 def test_the_jobs_of_a_study_that_was_killed_are_found_again(tmp_path, notes):
-    """Two jobs came to their end while nobody looked, one still waits: none is given again."""
+    """Two jobs that ended after the study was killed and one that still waits are found, and none is submitted
+    again."""
     cluster, planned = Cluster(waiting=[1]), study_cases.planned(3, notes)
     killed = jobs(cluster, tmp_path)
     for case in planned:
@@ -118,7 +119,7 @@ def test_an_sbatch_that_never_answers_is_asked_once(tmp_path, notes, monkeypatch
 
 # ---- data is never run ----------------------------------------------------------------------------------------------
 def test_jobs_of_this_machine_go_by_nothing_that_lies_in_their_folder(tmp_path, notes):
-    """There lie jobs, results and logs of somebody else."""
+    """Jobs, results and logs of somebody else in the folder are ignored."""
     folder, planned = tmp_path / "s" / "slurm-jobs", study_cases.planned(3, notes)
     folder.mkdir(parents=True)
     (tmp_path / "s" / "journal.jsonl").touch()
@@ -161,7 +162,7 @@ def test_a_result_is_a_row_of_its_case(tmp_path, text):
 
 
 def test_nothing_in_the_package_runs_data():
-    """No module that can run what it reads is imported, and no such function called."""
+    """No module that can run what it reads is imported, and no such function is called."""
     found, words = [], ("pickle", "marshal", "shelve", "yaml", "dill", "joblib", " eval(", "=eval(", " exec(")
     for path in [*(ROOT / "taichi_mps").rglob("*.py"), *(ROOT / "scenes").glob("*.py")]:
         text = path.read_text(encoding="utf-8")

@@ -1,4 +1,5 @@
-"""Studies: every case is computed once, nothing is lost whatever dies, and mixes of one law share their kernels."""
+"""Studies: every case is computed once, no row is lost when a process dies, and mixes of one law share their
+kernels."""
 
 import json
 import re
@@ -178,7 +179,7 @@ def test_one_study_at_a_time_and_no_foreign_folder(tmp_path):
 
 
 def test_the_tables_hold_text_beside_numbers_and_what_is_missing(tmp_path):
-    """A column may be a number in one row and a word in the next, or miss; Parquet has columns of one kind."""
+    """A column may hold a number in one row, a word in the next, or be missing; Parquet needs columns of one type."""
     rows = [{"key": "a", "status": "done", "rate": 0.1, "steps": 3},
             {"key": "b", "status": "failed", "rate": "rational", "reason": "[Errno 5] out, of order"}]  # fmt: skip
     with open_results(tmp_path / "s") as results:
@@ -219,9 +220,9 @@ def test_the_chart_of_a_study_names_unit_and_values_and_leaves_out_what_failed(m
 
 # ---- one compilation for all materials -------------------------------------------------------------------------
 def test_materials_of_one_law_share_their_kernels(tmp_path):
-    """Half the density, viscosity and yield stress are the same motion under gravity, to the last bit: every number of
-    the material reaches the kernels that were compiled for another. A row has all measures, and what the course
-    tells."""
+    """Half the density, viscosity and yield stress are the same motion under gravity to the last bit, since every
+    number of the material reaches kernels compiled for another one. A row has all measures, those of the course
+    included."""
     text = Path(catalogue.locate("film")).read_text()
     over_time = "over_time=lambda h: {'steps_s': float(len(h['time_s']))}"
     film, shape = tmp_path / "slow.py", {"depth": 0.04, "spacing": 0.01, "until": 0.05}
@@ -251,7 +252,7 @@ def test_a_run_of_a_study_tells_its_warnings_in_its_row_and_not_on_the_screen(tm
 
 
 def test_a_case_of_a_flow_table_has_its_flow():
-    """By the spread after the last jolt over the mould's foot of 200 mm."""
+    """The flow is the spread after the last jolt over the mould's foot of 200 mm."""
     how = {"spacing": 0.02, "model": "axisymmetric", "wait": 0.3, "period": 0.3}
     row = cases.run(cases.case("flow_table", jolts=1, **how))
     assert row["flow_ratio"] == pytest.approx(row["spread_after_1_jolts_m"] / 0.2 - 1.0) and row["flow_ratio"] > 0.3
@@ -264,7 +265,7 @@ class Imagined(mps.Bingham):
 
 
 def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
-    """A number of a mix shares the kernels only if its law says that kernels read it from a field."""
+    """Two mixes share kernels only where their numbers differ in those that the law's kernels read from a field."""
     scene = catalogue.build("slump", spacing=0.05, model="axisymmetric")
 
     def key(numerics=None, kind=Imagined, **numbers):
@@ -286,7 +287,8 @@ def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
 
 @pytest.mark.parametrize(("end", "steps", "value"), [(1.0, 100, 0.5), (30.0, 3000, 0.85)])
 def test_the_time_of_a_milestone_lies_between_two_looks(end, steps, value):
-    """Of 0.5 m at 1/e s, and of 0.85 m at e^2.5 s."""
+    """The times at which a known course reaches 0.5 m, 1/e s, and 0.85 m, e^2.5 s, are interpolated between two
+    measurements."""
     looks = []
 
     class Run:

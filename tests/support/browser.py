@@ -1,4 +1,4 @@
-"""The Chromium of the system, without a window, for tests of pages."""
+"""Headless Chromium of the system, for tests of pages."""
 
 import shutil
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""A cube of triangles, whose corners go round as seen from outside."""
+"""A cube of triangles whose corners are ordered as seen from outside."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Access to the inner objects of a simulation, for tests of one term at given particles."""
+"""Access to the inner objects of a simulation, for tests of one term with given particles."""
 
 import numpy as np
 

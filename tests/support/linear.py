@@ -1,4 +1,4 @@
-"""Systems of known solution, the solver on them, and the ways in which its stages are launched."""
+"""Linear systems of known solution, the solver on them, and the ways to launch its stages."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Run folders without a simulation: a body in free fall, and what is written of it."""
+"""Run folders without a simulation: a body in free fall, and its files."""
 
 from types import SimpleNamespace
 

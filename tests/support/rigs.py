@@ -1,4 +1,4 @@
-"""Inner objects on given particles: the only place where tests put particles, lists, walls and systems together."""
+"""Inner objects with given particles: the only place where tests assemble particles, lists, walls and systems."""
 
 import numpy as np
 

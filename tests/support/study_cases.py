@@ -1,4 +1,4 @@
-"""Cases that cost nothing, for tests/study; a module of its own, because worker processes import it."""
+"""Cases that cost nothing, for tests/study; a separate module, because worker processes import it."""
 
 import os
 import signal

@@ -1,4 +1,5 @@
-"""Deferred correction of the hourglass resistance: full for a curved velocity, none that would let particles slip."""
+"""Deferred correction of the hourglass resistance: complete for a curved velocity, and none that would let particles
+slip."""
 
 import numpy as np
 import pytest
@@ -51,8 +52,8 @@ def velocities(rig):
 
 
 def test_it_is_the_force_of_the_energy_that_is_not_resisted(rig, velocities):
-    """The energy E - E' is quadratic: half the power of its own force, which is symmetric in two velocities. What is
-    left dissipates, and is never more than the matrix resists."""
+    """The energy of the correction is quadratic: half of the power of its own force, which is symmetric in two
+    velocities. The rest of the resistance dissipates, and never more than the matrix."""
     u, v = velocities
     whole, resisted = energies(rig, u)
     back, against = rig.correct(u), (rig.multiply(u) * u).sum()
@@ -70,7 +71,8 @@ def test_it_keeps_momentum_and_angular_momentum(rig, velocities):
 
 
 def test_curved_motion_of_a_lattice_meets_no_resistance_whatever_the_viscosities():
-    """Inside, where the fit of a parabola is its gradient: seven layers away from the edge of what a force can feel."""
+    """A curved velocity meets no resistance inside, where the fit of a parabola has its gradient: seven layers away
+    from the edge."""
     rig = System(mps.lattice((-1.0, -1.0), (1.0, 1.0), L0), resistance_only=True)
     x, y = rig.x.T
     u = np.stack([y**2 - 0.7 * x * y, 0.3 * x**2 + 2.0 * x * y], 1)

@@ -1,4 +1,4 @@
-"""Flow curves other than Bingham's: Herschel-Bulkley against its closed form, an own law that is thixotropic."""
+"""Flow curves other than Bingham's: Herschel-Bulkley against its closed form, and a user's thixotropic law."""
 
 import runpy
 from dataclasses import replace
@@ -35,7 +35,7 @@ def growth_of(rate, structure):
     ],
 )
 def test_film_of_a_law(numbers, within):
-    """So near to the exact profile, which the scene knows, and clearly not that of Bingham's law."""
+    """The film of a law has the exact profile of the scene within its bound, and clearly not that of Bingham's law."""
     mix = {"density": DENSITY, "yield_value": 100.0, "spacing": DEPTH / 20}
     sim = mps.Simulation(catalogue.build("film", **mix, **numbers))
     sim.run(until=8.0)  # four times rho H^2 over the apparent viscosity on the floor, at n = 0.5
@@ -61,14 +61,15 @@ def test_film_of_a_law(numbers, within):
     ids=str,
 )
 def test_the_exact_film_of_the_scene_is_the_integral_of_the_shear_rate(law, integral):
-    """At its surface, over the weight of 5 kPa/m; at the floor 0."""
+    """The exact velocity at the surface is the integral of the shear rate under the weight of 5 kPa/m, and 0 at the
+    floor."""
     film_velocity = runpy.run_path(str(catalogue.names()["film"]))["film_velocity"]
     u = film_velocity(np.array([0.0, DEPTH]), DEPTH, 5000.0, law)
     np.testing.assert_allclose(u, [0.0, integral / 5000.0], rtol=1e-6, atol=1e-12)
 
 
 def test_a_thixotropic_law_of_ones_own_comes_to_rest():
-    """The stress on the floor carries (1 + 2 t) 200 Pa from some time on: then the film stands."""
+    """The film stops when its yield stress, (1 + 2 t) 200 Pa, exceeds the stress on the floor."""
     law = mps.FlowCurve(
         density=DENSITY, yield_value=200.0, typical_slope=30.0, shear_stress=stress_of, growth=growth_of
     )
@@ -87,8 +88,8 @@ def test_a_thixotropic_law_of_ones_own_comes_to_rest():
 
 @pytest.mark.long
 def test_a_thixotropic_film_follows_its_closed_form():
-    """Within 1 % at 20 across. Each height has its stress W (H - y), inertia dying out within a tenth of a second, and
-    u' = (tau - (1 + lambda) tau_y)/k, d lambda/dt = A/tau_y - alpha u' lambda of its own."""
+    """Each height has its stress W (H - y) once inertia has died out within a tenth of a second, and u' = (tau - (1 +
+    lambda) tau_y)/k, d lambda/dt = A/tau_y - alpha u' lambda of its own: within 1 % at 20 across."""
     tau_y, k, growing, undone, until = 100.0, 100.0, 10.0, 0.5, 4.0
     mix = {"density": DENSITY, "yield_value": tau_y, "plastic_viscosity": k}
     scene = catalogue.build(

@@ -1,4 +1,4 @@
-"""An uneven fill is relaxed before the first step (I26), an even one is left where it is."""
+"""An uneven fill is relaxed before the first step (I26), and an even one is unchanged."""
 
 import warnings
 from dataclasses import replace
@@ -60,7 +60,7 @@ def test_a_lattice_stays_where_it_is(plane):
 
 
 def test_few_rings_in_layers_stay_where_they_are():
-    """The cone of a mould that is lifted: ten rings below, five above, whose layers do not fit each other."""
+    """The cone of a lifted mould, ten rings below and five above whose layers do not match, is not relaxed."""
     fluid = catalogue.build("slump", spacing=SPACING, lift_speed=0.5).fluid
     material = mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=20000.0)
     sim = mps.Simulation(mps.Scene("rings", material, SPACING, fluid, ((-0.2, -0.2, -0.1), (0.2, 0.2, 0.4))))
@@ -85,8 +85,9 @@ def test_a_jittered_fill_is_even_after_it_fills_the_same_room_and_is_in_front_of
 
 
 def test_a_block_that_must_stand_stands_however_it_is_filled(plane):
-    """0.34 rho g H, more than a block of any width needs: relaxation takes its top down by a tenth of a spacing, and
-    there it stands for 0.3 s; without, as a run that goes on has none, it sinks more than twice as far."""
+    """A block with a yield stress of 0.34 rho g H, more than one of any width needs, stands for 0.3 s after relaxation
+    has lowered its top by a tenth of a spacing; without relaxation, as in a resumed run, it sinks more than twice as
+    far."""
     sunk = []
     for relaxes in (True, False):
         fluid, sim = begun(plane, 0.3, yield_value=2300.0)
@@ -101,7 +102,7 @@ def test_a_block_that_must_stand_stands_however_it_is_filled(plane):
 
 
 def test_what_has_flowed_is_even(plane):
-    """As a scene of its own it goes on from where it is."""
+    """A body that has flowed, taken as the fill of a new scene, is not relaxed."""
     _, sim = begun(plane, yield_value=100.0)
     sim.run()
     assert np.ptp(sim.snapshot().x[:, 0]) > 1.2 * WIDTH
@@ -109,7 +110,7 @@ def test_what_has_flowed_is_even(plane):
 
 
 def test_a_fill_that_goes_through_periodic_sides_is_relaxed_through_them():
-    """A box without a wall or a surface: moved by a third of it, the same fill is relaxed in the same way."""
+    """In a box without walls or surface a fill moved by a third of the box is relaxed in the same way."""
     size, material = 10 * SPACING, mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=100.0)
     lattice = mps.fill(mps.Box((0.0, 0.0), (size, size)), SPACING)
     fluid = lattice + 0.3 * SPACING * np.random.default_rng(1).uniform(-1.0, 1.0, lattice.shape)

@@ -1,4 +1,5 @@
-"""Interface of two mixes: fractions on a lattice, stress across and along; mappings of a law, alone and in series."""
+"""Interface of two mixes: fractions on a lattice, stress across and along; return mappings of a law, alone and in
+series."""
 
 import numpy as np
 import pytest
@@ -38,7 +39,8 @@ def rows_of(scheme, field):
 
 
 def test_a_quarter_of_the_gradient_of_a_row_at_the_interface_is_of_the_other_mix(scheme):
-    """Of the fit half looks across, and half of each bond lies there; the second row has bonds of two spacings only."""
+    """In the first row half of the fit uses bonds across the interface, and half of each bond lies there; in the second
+    row only bonds of two spacings do."""
     share = rows_of(scheme, scheme.interface.other_fraction)
     np.testing.assert_allclose(share[[4, 5]], 0.25, rtol=1e-3)
     assert np.all(share[[3, 6]] < 1e-3) and np.all(share[[0, 1, 2, 7, 8, 9]] == 0.0)
@@ -63,8 +65,8 @@ class Viscous:
 
 
 def test_shear_across_goes_through_both_and_stretching_along_through_each(scheme):
-    """u' = 1 1/s of the fit: 1/(0.75/200 + 0.25/20) Pa below, 1/(0.25/200 + 0.75/20) Pa above; stretched along the
-    layers each has 2 eta, and a rotation nothing."""
+    """At u' = 1 1/s the stress is 1/(0.75/200 + 0.25/20) Pa below the interface and 1/(0.25/200 + 0.75/20) Pa above;
+    stretched along the layers each mix has 2 eta, and a rotation gives none."""
     viscous = Viscous(scheme)
     viscous.run(0.0, 1.0, 0.0)
     stress = rows_of(scheme, viscous.T)[:, 0, 1]
@@ -118,8 +120,8 @@ def test_the_mapping_of_a_straight_curve_is_that_of_bingham():
 
 
 def test_two_laws_in_series_share_the_shear_across():
-    """q across = [(1 - c) phi + psi] T/2, q along = phi T/2, phi = rate/|T|, |T| = 300 + 50 rate; and T + 2 mu_r q is
-    the trial."""
+    """Across q = [(1 - c) phi + psi] T/2 and along q = phi T/2 with phi = rate/|T| and |T| = 300 + 50 rate, and T + 2
+    mu_r q is the trial stress."""
     share, others = 0.25, 0.004
     along, across, q_along, q_across, rate = Mappings(share, others).series.to_numpy().T
     size = np.hypot(along, across)

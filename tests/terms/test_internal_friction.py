@@ -1,4 +1,4 @@
-"""A yield stress that grows with the pressure (Drucker and Prager): a frictional film, and slopes that stand."""
+"""A yield stress that grows with the pressure (Drucker-Prager): a frictional film, and slopes that stand."""
 
 import pytest
 
@@ -28,13 +28,13 @@ def film():
 
 @pytest.mark.parametrize(("yield_value", "bound"), [(0.0, 0.01), (100.0, 0.05)])
 def test_film_flows_as_one_that_weighs_less_by_its_friction(yield_value, bound, film):
-    """5 degrees on a slope of 10, at 10 across: weight along the slope less friction, both linear in the depth. With a
-    yield stress of its own it has a plug, too."""
+    """A film of 5 degrees on a slope of 10, at 10 across, flows by its weight along the slope less friction, both
+    linear in the depth; with a yield stress of its own it has a plug, too."""
     assert film(yield_value, 5.0).measures()["velocity_error"] < bound
 
 
 def test_slope_stands_below_the_angle_of_friction(film):
-    """Without any yield stress of its own 12 degrees hold a slope of 10."""
+    """Without a yield stress an angle of friction of 12 degrees holds a slope of 10."""
     assert film(0.0, 12.0, until=0.5).snapshot().speed.max() < 1e-5
 
 

@@ -84,7 +84,8 @@ def test_translation_meets_no_resistance_however_few_the_neighbours(system):
 
 @on("plain")
 def test_expansion_is_resisted_by_the_bulk_and_shear_by_the_viscosity(system):
-    """Work u.A u - m/dt u.u of a linear field = V sum (2 mu D':D' + K (div u)^2): H does not see affine motion."""
+    """The work of a linear field, u.A u - m/dt u.u, is V sum (2 mu D':D' + K (div u)^2): H does not resist affine
+    motion."""
     for A in (np.diag([1.0, 1.0]), np.array([[0.0, 2.0], [0.0, 0.0]]), np.array([[0.7, -0.4], [1.1, 0.2]])):
         u = system.x @ A.T
         D = 0.5 * (A + A.T) - 0.5 * np.trace(A) * np.eye(2)
@@ -95,7 +96,7 @@ def test_expansion_is_resisted_by_the_bulk_and_shear_by_the_viscosity(system):
 
 @on("no slip")
 def test_moving_wall_drags_the_fluid(system):
-    """The wall's own motion acts like A applied to u - u_wall: the fluid moving with the wall feels nothing."""
+    """A moving wall acts as A applied to u - u_wall: fluid that moves with the wall feels no force."""
     push = system.push_of_moving_walls()
     u = np.tile(FLOOR.velocity, (len(system.x), 1))
     assert push.sum(0) @ FLOOR.velocity > 0.0

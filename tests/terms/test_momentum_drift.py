@@ -1,4 +1,5 @@
-"""Momentum along directions in which only gravity acts on the whole fluid: no drift by the solver's tolerance."""
+"""Momentum along directions in which only gravity acts on the fluid as a whole: the solver's tolerance causes no
+drift."""
 
 from types import SimpleNamespace
 
@@ -14,8 +15,8 @@ NONE = [[0, 0], [0, 0]]
 
 
 def test_a_block_that_collapses_on_a_frictionless_floor_stays_where_it_is():
-    """One that is not symmetric, with a push: it keeps the momentum of the push. Blocks slid away at 20 to 60 mm/s, for
-    what the solver's tolerance left in a step was where the next one began."""
+    """An asymmetric block that gets a push keeps its momentum; blocks drifted at 20 to 60 mm/s when each step started
+    from what the solver's tolerance had left."""
     x = mps.fill(mps.Box((-0.1, 0.0), (0.1, 0.1)), SPACING)
     x = x[x[:, 1] < 0.1 + 0.5 * x[:, 0]]
     scene = mps.Scene(

@@ -1,4 +1,4 @@
-"""A flow curve of the user's own that is none is refused before the run, or named at the step that meets it."""
+"""An invalid flow curve of a user is refused before the run, or named at the step in which it fails."""
 
 from dataclasses import replace
 
@@ -79,7 +79,7 @@ def test_what_is_no_law_is_refused_in_one_line_before_anything_is_allocated(law,
 
 @pytest.mark.slow
 def test_a_law_that_fails_with_its_structure_is_named_at_the_step():
-    """sqrt(1 - lambda) with d lambda/dt = 20 1/s is no number after 0.05 s."""
+    """sqrt(1 - lambda) with d lambda/dt = 20 1/s is no number after 0.05 s, which is reported at that step."""
     sim = mps.Simulation(film(until_it_has_grown, one))
     with pytest.raises(
         mps.DivergedError, match="shear_stress = until_it_has_grown: is nan Pa .* structure of 1"

@@ -35,8 +35,8 @@ def test_a_hydrostatic_pressure_is_its_own_mean_on_any_particles(smoothed):
 
 
 def test_a_disturbance_is_smoothed_by_what_its_neighbours_weigh_and_left_at_rest(smoothed):
-    """An alternating pressure on a square lattice over a hydrostatic one: inside, it is multiplied by
-    1 - a + a sum w (-1)^(k + l)/sum w over the neighbours (k, l)."""
+    """An alternating pressure added to a hydrostatic one on a square lattice is multiplied inside by 1 - a + a sum w
+    (-1)^(k + l)/sum w over the neighbours (k, l), and unchanged at rest."""
     k = np.argwhere(np.ones((11, 11))) - 5
     x = L0 * k
     even, odd = 1e4 + DENSITY * x @ G, 100.0 * (-1.0) ** k.sum(1)
@@ -51,8 +51,8 @@ def test_a_disturbance_is_smoothed_by_what_its_neighbours_weigh_and_left_at_rest
 
 
 def test_similar_flows_have_similar_steps():
-    """Lengths times 4, times times 2 (Froude's similarity), and so viscosities times 8: the step is twice as long, of a
-    thin fluid, of concrete and of a body that creeps; each of its three bounds is one of them, as the docs name it."""
+    """With lengths times 4, times times 2 (Froude's similarity) and so viscosities times 8 the step is twice as long,
+    for a thin fluid, concrete and a creeping body; each of the three bounds of the docs limits one of them."""
     height, spacing = 0.3, 0.01
     bounds = []
     for viscosity in (1e-6, 50.0 / 2300.0, 1500.0 / 2300.0):

@@ -55,7 +55,8 @@ def mapping_of(spread):
 
 
 def test_return_mapping_is_the_scalar_closed_form():
-    """|stress| = tau_y + eta g and |trial| = |stress| + mu_r g; rigid below the yield stress."""
+    """The mapped stress solves |stress| = tau_y + eta g and |trial| = |stress| + mu_r g, and is rigid below the yield
+    stress."""
     size, stress, q, rate = mapping_of(0.0)
     g = np.maximum(0.0, (size - TAU_Y) / (ETA + MU_R))
     assert np.allclose(rate, g, rtol=1e-12, atol=1e-12)
@@ -65,7 +66,7 @@ def test_return_mapping_is_the_scalar_closed_form():
 
 @pytest.mark.parametrize("spread", [1.0, 40.0, 250.0])
 def test_where_the_stress_differs_the_rate_is_the_mean_of_the_law(spread):
-    """The mean of max(0, s - tau_y)/eta over the stresses s within ``spread`` of that of the particle."""
+    """The rate is the mean of max(0, s - tau_y)/eta over the stresses s within ``spread`` of the particle's."""
     size, stress, q, rate = mapping_of(spread)
     ends = np.maximum(0.0, stress + spread - TAU_Y) ** 2 - np.maximum(0.0, stress - spread - TAU_Y) ** 2
     assert np.allclose(rate, ends / (4.0 * spread * ETA), rtol=1e-9, atol=1e-12)
@@ -123,8 +124,8 @@ def film_errors(wall_stress, eta, tau_y, pi_c, depth=0.1):
 @pytest.mark.parametrize("eta", [20.0, 80.0, 350.0, 1500.0])
 @pytest.mark.parametrize(("time", "error"), [(5.0, 0.01), (60.0, 0.01), (2.0, 0.1)])
 def test_rational_critical_strain_rate_keeps_its_promise_and_wastes_nothing(tau_y, eta, time, error):
-    """Films of every wall stress: displaced by at most ``error`` of their depth, knee at most ``error`` too high; and
-    one of the two is nearly used up."""
+    """Films of every wall stress are displaced by at most ``error`` of their depth, and the knee stress is at most
+    ``error`` too high; one of the two bounds is nearly reached."""
     pi_c = mps.rational_critical_strain_rate(plastic_viscosity=eta, yield_value=tau_y, time=time, error=error)
     concrete = mps.Bingham(plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=pi_c)
     knee = concrete.knee_stress / tau_y - 1.0
@@ -139,7 +140,7 @@ def test_rational_critical_strain_rate_keeps_its_promise_and_wastes_nothing(tau_
 
 @pytest.mark.parametrize("wall_stress", [400.0, 1200.0])
 def test_excess_of_a_flowing_film_is_the_closed_form(wall_stress):
-    """(R4): pi_c h at the surface and pi_c h^2 (2 + k)/3 of flux, h the thickness of the plug."""
+    """The excess (R4) is pi_c h at the surface and pi_c h^2 (2 + k)/3 of flux, h the thickness of the plug."""
     plug, k = 0.1 * TAU_Y / wall_stress, 2.0 * ETA * PI_C / TAU_Y
     speed, flux = film_errors(wall_stress, ETA, TAU_Y, PI_C)
     assert speed == pytest.approx(PI_C * plug, rel=1e-4)
@@ -152,7 +153,7 @@ def test_a_newtonian_fluid_has_no_critical_strain_rate():
 
 
 def test_a_high_knee_stress_warns():
-    """The paper's #5: pi_c = 0.1 1/s with 1500 Pa s makes 100 Pa into 400 Pa."""
+    """In the paper's case #5 pi_c = 0.1 1/s with 1500 Pa s turns 100 Pa into 400 Pa."""
     with pytest.warns(UserWarning) as caught:
         mps.Bingham(plastic_viscosity=1500.0, yield_value=100.0, critical_strain_rate=0.1)
     (warning,) = caught
@@ -165,7 +166,7 @@ def test_a_high_knee_stress_warns():
     [(50.0, 100.0, 0.1), (50.0, 100.0 - 1e-10, 0.1), (50.0, 0.0, 0.1), (1500.0, 100.0, None), (1500.0, 100.0, 0.00333)],
 )
 def test_a_knee_stress_within_ten_per_cent_is_silent(eta, tau_y, pi_c):
-    """The paper's #1 has exactly 10 %; a Newtonian fluid and a true yield stress have no knee."""
+    """The paper's case #1 has exactly 10 %; a Newtonian fluid and a true yield stress have no knee."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         mps.Bingham(plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=pi_c)

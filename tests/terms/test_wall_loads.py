@@ -1,4 +1,4 @@
-"""Force and torque of the fluid on its walls: what weight and momentum ask; exact flows."""
+"""Force and torque of the fluid on its walls: balances of weight and momentum, and exact flows."""
 
 from dataclasses import replace
 
@@ -39,8 +39,8 @@ def momentum(sim):
     ("d", "name"), [(2, "force_floor_z_N_per_m"), pytest.param(3, "force_floor_z_N", marks=pytest.mark.long)]
 )
 def test_walls_carry_the_weight_less_what_the_momentum_gains(d, name):
-    """Of a block that collapses between walls with friction: force on all of them = weight - d(momentum)/dt, in each
-    step whose iterations converge; before a step, and after a load, they are not known."""
+    """The force of a collapsing block on all walls, with friction, is weight - d(momentum)/dt in each step whose
+    iterations converge; before a step, and after a load, it is unknown."""
     sim = mps.Simulation(block(d, friction=FRICTION), CONVERGED)
     assert np.isnan(sim.measures()[name])
     weight = sim.scene.material.density * sim.scene.volumes.sum() * sim.scene.gravity_vector
@@ -75,7 +75,7 @@ def vessel(solid, cup, x, **keywords):
 
 @pytest.mark.slow
 def test_torque_of_circular_couette_flow():
-    """4 pi eta turn R1^2 R2^2/(R2^2 - R1^2) per metre, taken by the cup as it is given by the solid that turns."""
+    """The torque is 4 pi eta turn R1^2 R2^2/(R2^2 - R1^2) per metre, equal on the cup and on the turning solid."""
     ends = (-0.07, -0.07), (0.07, 0.07), 0.00125
     turning = {"angular_velocity": TURN, "pivot": (0.0, 0.0), "name": "bob"}
     bob = mps.Solid.of(lambda x: np.hypot(*x.T) - INNER, *ends, **turning)
@@ -91,7 +91,7 @@ def test_torque_of_circular_couette_flow():
 
 @pytest.mark.slow
 def test_what_turns_with_its_vessel_is_not_held_back():
-    """A blade and its cup that turn together, and the fluid with them: a rigid body, without torque and strain."""
+    """A blade that turns with its cup moves as a rigid body with the fluid, without torque and strain."""
     spacing, turning = 0.005, {"angular_velocity": TURN}
     corners = np.array([(-0.03, -0.012), (0.03, -0.012), (0.03, 0.012), (-0.03, 0.012)])
     ends = (-0.055, -0.055), (0.055, 0.055), 0.0025
@@ -113,7 +113,8 @@ def test_what_turns_with_its_vessel_is_not_held_back():
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["quarter", pytest.param("axisymmetric", marks=pytest.mark.long)])
 def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
-    """Of the cone: what it weighs and gains rests on the floor, and nothing goes along it or turns it."""
+    """The floor of a part of the cone carries the weight less the gain of momentum, without a force along it or a
+    torque."""
     sim = mps.Simulation(catalogue.build("slump", spacing=0.025, model=model), CONVERGED)
     sim.step()
     before, time = momentum(sim)[-1], sim.time
@@ -129,7 +130,8 @@ def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
 
 @pytest.mark.slow
 def test_a_body_at_rest_presses_on_smooth_sides_as_a_liquid():
-    """rho g times the depth, in three layers, but for a discretisation of ten particles."""
+    """The pressure on the sides is rho g times the depth, in three layers, within the discretisation of ten
+    particles."""
     walls = mps.box_planes((0.0, 0.0), (0.2, 0.2), slip=True)
     left = replace(walls[1], name="left")
     scene = mps.Scene(

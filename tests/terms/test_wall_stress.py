@@ -1,5 +1,5 @@
-"""Stress of ghosts besides that of the first row: stress along a wall; in a full vessel the shear stress, of a
-channel on its lattice, and the law averaged over a layer."""
+"""Extra stress of ghosts beyond that of the first row: along a wall, and in a full vessel the shear stress of a channel
+on its lattice and the law averaged over a layer."""
 
 from dataclasses import replace
 
@@ -45,9 +45,9 @@ def newtonian():
 
 
 def test_the_exact_parabola_is_steady_on_its_lattice(newtonian):
-    """No row of it gains more in a step than 0.4 % of what the push alone would give, the tolerance of the solve, once
-    it is known that the vessel is full; without the curvature behind the walls the first row loses 12 % of that and
-    the second gains 10."""
+    """Once the vessel is known to be full, no row of the exact parabola gains more in a step than 0.4 % of the effect
+    of the push alone, the tolerance of the solve; without the curvature behind the walls the first row would lose 12 %
+    of it and the second gain 10 %."""
     sim, start = newtonian
     y = start["x"][:, 1]
     sim.load(start | {"u": np.outer(0.5 * PUSH / ETA * y * (GAP - y), (1.0, 0.0))})
@@ -60,8 +60,8 @@ def test_the_exact_parabola_is_steady_on_its_lattice(newtonian):
 
 
 def test_a_channel_on_its_lattice_hardly_slides_past_its_walls(newtonian):
-    """So viscous that no row leaves its place beside the next, and put back after each step: what is left is less than
-    f l0^2/(6 eta), the error of central differences on rows; without the excess behind the walls, 0.4 f l0^2/eta."""
+    """In a fluid so viscous that rows keep their places, and put back after each step, the error is less than f l0^2/(6
+    eta), that of central differences on rows; without the excess behind the walls it is 0.4 f l0^2/eta."""
     (sim, start), eta = newtonian, 100.0 * ETA
     sim.restart(Problem(replace(sim.scene, material=mps.Newtonian(density=DENSITY, viscosity=eta))), start)
     places = in_order(sim, sim.particles.x.to_numpy())
@@ -108,7 +108,7 @@ def weight_at(sim, stress):
 
 def test_the_weight_makes_the_first_row_slide_as_the_exact_film(yielding):
     """Where the wall carries tau_y + s, s < f l0, a plug slides over the film by s^2/(2 f eta): the rate of the first
-    row, this speed over l0, needs tau_y + s^2/(2 f l0) there, and the wall must carry tau_y + s all the same."""
+    row, this speed over l0, needs tau_y + s^2/(2 f l0) there, while the wall must carry tau_y + s."""
     most = PUSH * L0
     s = most * np.linspace(0.05, 0.95, 10)
     stress = 300.0 + s**2 / (2.0 * most)
@@ -163,8 +163,8 @@ def pushed(sim, borne=0.0):
 )
 def test_a_pressure_that_grows_along_a_wall_pushes_every_row_but_what_stress_bears(dimension, wall):
     """The force is -V grad p in the fluid, and in the rows at the wall within 3 %: without the ghosts' part the first
-    row at a no-slip wall has 77 % of it in two dimensions, 79 % in three. What a stress bears, as in a column that
-    stands, whose pressure is that of its weight and which nothing holds at its sides, pushes no row."""
+    row at a no-slip wall has 77 % of it in two dimensions, 79 % in three. A pressure that stress bears pushes no row,
+    as in a standing column that nothing holds at its sides."""
     sim = below_a_growing_pressure(dimension, wall)
     rows = pushed(sim)
     assert rows[3] == pytest.approx(1.0, abs=1e-9)

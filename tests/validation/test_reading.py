@@ -1,4 +1,4 @@
-"""Readings of the rows of the validation table on known fields; closed forms against the references."""
+"""Readings of the rows of the validation table on known fields, and closed forms against the references."""
 
 import runpy
 
@@ -32,8 +32,8 @@ def test_a_parabola_is_read_exactly(jitter):
 
 @pytest.mark.parametrize("power", [2, 8])
 def test_the_stream_function_of_a_known_flow(power):
-    """psi = (y^2 - y^(power + 2)) sin^2(pi x)/power, the lid's speed -psi_y at the middle 1: the larger the power, the
-    thinner the layer under the lid."""
+    """The stream function psi = (y^2 - y^(power + 2)) sin^2(pi x)/power is found; the lid's speed, -psi_y, is 1 in the
+    middle, and a larger power makes a thinner layer under the lid."""
     x = particles(0.2)
 
     def psi(px, py):
@@ -49,7 +49,7 @@ def test_the_stream_function_of_a_known_flow(power):
 
 
 def test_the_references_of_the_bingham_cavity_agree_on_two_grids():
-    """To a tenth of what the case allows: its targets are 2 % to Bn = 10 and 4 % above."""
+    """The references agree within a tenth of the targets of the case, 2 % to Bn = 10 and 4 % above."""
     for bingham_number in (2.0, 5.0, 10.0, 20.0, 50.0):
         coarse, fine = (columns("B_bingham_cavity_vortex.csv", n=n, Bn=bingham_number) for n in (32.0, 40.0))
         for key in ("psi", "yc"):
@@ -57,7 +57,8 @@ def test_the_references_of_the_bingham_cavity_agree_on_two_grids():
 
 
 def test_closed_forms_are_those_of_the_references():
-    """The bi-viscous channel, the film of the scene, and pipe and circular Couette flow of 50 Pa s."""
+    """The closed forms of the bi-viscous channel, the film of the scene, and pipe and circular Couette flow of 50 Pa s
+    are those of the references."""
     known = columns("B_poiseuille_bingham_biviscosity.csv")
     film_velocity = runpy.run_path(str(catalogue.names()["film"]))["film_velocity"]
     for eta, tau_y, knee_rate, weight, y, bingham, bi_viscosity, *_ in zip(*known.values(), strict=True):

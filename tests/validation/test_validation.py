@@ -1,4 +1,4 @@
-"""Rows of the validation table meet their targets but for what is known to miss; how the table is run and written."""
+"""Rows of the validation table meet their targets except for known misses; how the table is run and written."""
 
 import json
 from dataclasses import replace
@@ -62,7 +62,7 @@ def setting(monkeypatch):
 
 @pytest.mark.parametrize(("scheme", "name"), [CASES[0], *(pytest.param(*c, marks=pytest.mark.slow) for c in CASES[1:])])
 def test_a_row_meets_its_targets_but_for_what_is_known_to_miss(scheme, name, setting):
-    """Neither more nor less is missed than MISSED names; compiled and run as by `taichi-mps validate`."""
+    """A row, compiled and run as by `taichi-mps validate`, misses exactly the targets that MISSED names."""
     result = table.run_row(name, scheme)
     backend.init(arch="cpu", precision="f64", threads=1)  # as the other tests of this file
     assert result["error"] is None and result["numbers"]
@@ -73,7 +73,7 @@ def test_a_row_meets_its_targets_but_for_what_is_known_to_miss(scheme, name, set
 
 
 def test_kept_results_are_of_rows_of_the_table():
-    """Their case and reference are those of the rows; no two rows have the same name."""
+    """Kept results have the case and reference of their rows, and no two rows have one name."""
     assert len(ROWS) == len(cases.TABLE)
     for file in RESULTS.glob("validate_*.json"):
         kept = json.loads(file.read_text(encoding="utf-8"))
@@ -88,8 +88,8 @@ def test_a_number_is_met_only_within_its_target():
 
 @pytest.mark.parametrize(("tau_y", "by_hand"), [(500.0, 0.87), (1000.0, 0.84)])
 def test_a_body_that_fell_stands_below_its_own_yield_value(tau_y, by_hand):
-    """By hand: along the chord of slump, and of spread, against log tau_y between two references without inertia
-    (300 Pa: 216.8 and 348.9 mm; 500 Pa: 166.7 and 307.9 mm; 1000 Pa: 81.0 and 248.8 mm)."""
+    """By hand: along the chord of slump, and of spread, against log tau_y between two references without inertia (300
+    Pa: 216.8 and 348.9 mm; 500 Pa: 166.7 and 307.9 mm; 1000 Pa: 81.0 and 248.8 mm)."""
     assert standing.STATIC_LIMITS[tau_y] == pytest.approx(by_hand, abs=0.015)
 
 
@@ -110,7 +110,8 @@ def test_table_counts_misses_and_failures():
 
 
 def test_both_schemes_stand_side_by_side():
-    """Line by line; a number with another name keeps it; what ended a row stands where its numbers end."""
+    """Results of both schemes are listed line by line; a number with another name keeps it, and the reason that ended a
+    row follows its numbers."""
     late = ("slump at 5 s", -9.0, 5.0, "mm", False)
     rows = {"slump_100": result(SLUMP, VOLUME), "couette": result(SLUMP), "slump_300": result(SLUMP)}
     others = {"slump_100": result(late, error="diverged at t = 1 s"), "couette": result(error="not run: it moves")}
@@ -130,7 +131,8 @@ def test_both_schemes_stand_side_by_side():
 
 
 def test_a_page_gets_the_convergence_of_all_kept_results(tmp_path, monkeypatch):
-    """One row gives one point; the row that was run before gives the other. It ends with 1 where one misses."""
+    """The page shows the convergence over the row just run and the kept result, and the command ends with 1 where one
+    misses."""
     points = {"slump_1000": (10.0, 2.0), "slump_1000_coarse": (20.0, 8.0)}
 
     def run(name, *how):
@@ -175,7 +177,8 @@ def channel(**settings):
 
 
 def test_planes_get_three_layers_of_wall_particles_that_go_on_the_lattice(papers):
-    """Then the particle number density is n0 everywhere: no gap, no overlap, across the periodic side too."""
+    """With the wall particles the particle number density is n0 everywhere: no gap, no overlap, also across the
+    periodic side."""
     sim = simulate(channel())
     assert sim.summary()["scheme"] == "semi-implicit"
     assert sim.summary()["wall_particles"] == 2 * 3 * 10

@@ -1,4 +1,4 @@
-"""Contents of a picture: the body of revolution, the mould at 0 s, glass, and dimensions at their places."""
+"""Contents of a picture: the body of revolution, the mould at 0 s, glass walls, and dimensions at their places."""
 
 from dataclasses import replace
 

@@ -1,5 +1,5 @@
-"""The notebooks run from top to bottom, and show what they promise. Their cells run here, one after the other, as
-they stand; what a cell ends with is shown as a notebook would show it."""
+"""The notebooks run from top to bottom and show their results. Their cells run here one after the other, unchanged; the
+last value of a cell is shown as a notebook would show it."""
 
 import ast
 import io
