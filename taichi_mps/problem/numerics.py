@@ -88,7 +88,7 @@ class SemiImplicit(Checked):
     diffusion_number: Ratio = Field(0.2, description="largest viscosity times step over density and spacing squared")
     first_time_step: Duration = Field(1e-3, description="first step")
     max_time_step: Duration = Field(1e-3, description="longest step")
-    picard_tolerance: Ratio = Field(0.05, description="relative change of the viscosity that ends the iteration")
+    picard_tolerance: Ratio = Field(0.05, description="relative change of the velocity that ends the Picard iteration")
     picard_limit: Count = Field(20, description="direct (Picard) iterations of the viscosity a step, at most")
     tolerance: Ratio = Field(1e-5, description="relative residual at which the pressure solve stops")
     unyielded_stop: Ratio = Field(0.9, description="unyielded fraction of the particles at which the run ends")

@@ -72,6 +72,16 @@ class ExplicitViscosity(Term):
         return k + 1
 
     @ti.func
+    def yield_viscosity(self, rate):
+        """Lambda [Pa s] at a shear rate [1/s]: what the yield stress adds to the plastic viscosity (eqs 5, 9)."""
+        return self.tau_y / ti.max(rate, 2.0 * self.pi_c)
+
+    @ti.func
+    def is_yielded(self, rate):
+        """Whether the material flows at a shear rate [1/s] (eqs 1-3)."""
+        return rate >= 2.0 * self.pi_c
+
+    @ti.func
     def laplacian(self, i, u: ti.template()):
         """lap u at i (eq 12), walls included."""
         ui = u[i]
@@ -111,7 +121,7 @@ class ExplicitViscosity(Term):
                 self.strain_rate[i] = e
                 self.particles.shear_rate[i] = root_pi
                 if ti.static(not self.newtonian):
-                    self.Lambda[i] = self.tau_y / ti.max(root_pi, 2.0 * self.pi_c)
+                    self.Lambda[i] = self.yield_viscosity(root_pi)
 
     @stage("predictor")
     def explicit_step(self, dt: float):
@@ -124,7 +134,7 @@ class ExplicitViscosity(Term):
                         stress_force = self.eta * self.lap_u[i]  # divergence of the viscous stress [N/m3]
                         if ti.static(not self.newtonian):
                             stress_force += self.Lambda[i] * self.lap_u[i]
-                            if self.particles.shear_rate[i] >= 2.0 * self.pi_c:
+                            if self.is_yielded(self.particles.shear_rate[i]):
                                 stress_force += 2.0 * (self.strain_rate[i] @ self.gradient_of_Lambda(i))
                             sums[2] = ti.max(sums[2], ti.cast(self.eta + self.Lambda[i], ti.f64))
                         u = self.particles.u[i] + dt * (
@@ -157,7 +167,7 @@ class ExplicitViscosity(Term):
         for i in range(self.particles.count[None]):
             self.yielded[i] = 1
             if ti.static(not self.newtonian):
-                self.yielded[i] = self.particles.shear_rate[i] >= 2.0 * self.pi_c
+                self.yielded[i] = self.is_yielded(self.particles.shear_rate[i])
 
     @ti.func
     def flows(self, i, rate):
