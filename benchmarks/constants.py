@@ -75,10 +75,8 @@ def point(name: str = "", file: str = "", factor: float = 1.0, seed: int = 0) ->
 def draw() -> None:
     """Write the table of changes, bold where the scatter of runs is less; what changes no bit is named."""
     found = points.read("constants")
-    keys, scale = (
-        ("slump_m", "spread_m", "speed"),
-        np.array([1e3, 1e3, 100.0 / found["as it is 0"]["speed"]]),
-    )  # mm, mm, %
+    # mm, mm, %
+    keys, scale = ("slump_m", "spread_m", "speed"), np.array([1e3, 1e3, 100.0 / found["as it is 0"]["speed"]])
 
     def numbers(key: str) -> np.ndarray:
         """Results of a point."""

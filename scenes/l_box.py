@@ -19,12 +19,8 @@ import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.units import Duration, Length, Speed
 
-COLUMN, OPENING, BAR_DIAMETER, BAR_POSITION = (
-    0.1,
-    0.15,
-    0.012,
-    0.05,
-)  # depth, height, diameter, centre in front of the column [m]
+# depth, height, diameter, centre in front of the column [m]
+COLUMN, OPENING, BAR_DIAMETER, BAR_POSITION = 0.1, 0.15, 0.012, 0.05
 RULE = 0.025  # side of the square on which the foot of a rule stands [m]
 
 

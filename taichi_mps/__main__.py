@@ -2,7 +2,7 @@
 
 import sys
 
-from .cli.stopped import came, listen
+from .cli.stopped import listen, received
 
 CLOSED_PIPE = 141  # as a shell has it of a program that SIGPIPE ended
 
@@ -45,9 +45,9 @@ def entry() -> None:
         print(f"taichi-mps: stdout: cannot be written ({error.strerror})", file=sys.stderr)
         code, sys.stdout = 2, None
     except BaseException:  # what is being imported makes an error of its own of a signal
-        if not came:
+        if not received:
             raise
-        code = 128 + came[0]
+        code = 128 + received[0]
     sys.exit(code)
 
 

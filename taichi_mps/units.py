@@ -209,9 +209,8 @@ def at_least(least: float, unit: str, value: float) -> float:
 LIGHTEST, HEAVIEST = 200.0, 20000.0  # foamed concrete in the mould, and above mercury [kg/m3]
 DENSITY_HINT = "2300 for 2.3 t/m3"
 
-Size = Annotated[
-    real("m", gt=0.0, le=1e9), AfterValidator(partial(at_least, 1e-12, "m"))
-]  # the powers of a smaller one are no numbers
+# powers of a smaller length would underflow
+Size = Annotated[real("m", gt=0.0, le=1e9), AfterValidator(partial(at_least, 1e-12, "m"))]
 Coordinate = real("m", ge=-1e9, le=1e9)
 Time = real("s", ge=0.0, le=1e9)
 Instant = real("s", ge=-1e9, le=1e9)

@@ -73,7 +73,7 @@ class Queue:
     def __init__(self, folder):
         self.folder = user_path(folder)
         self.jobs: list[Job] = []
-        self.turn = asyncio.Lock()  # held by the job that runs
+        self.run_lock = asyncio.Lock()  # held by the job that runs
 
     def adopt(self) -> None:
         """Take over runs that other processes write into the folder, as after the death of a server."""
@@ -103,7 +103,7 @@ class Queue:
     async def execute(self, job: Job) -> None:
         """Wait for the turn of a job and execute it, unless it was stopped before; a run is written into the next free
         folder of its scene."""
-        async with self.turn:
+        async with self.run_lock:
             await asyncio.gather(*(other.task for other in self.jobs if other.orphan))
             if job.finished:
                 return

@@ -24,35 +24,35 @@ class Resident:
 
     def __init__(self, kind: str, idle: float = IDLE_TIMEOUT):
         self.kind, self.idle, self.process = kind, idle, None
-        self.turn, self.open = asyncio.Lock(), 0  # requests without their last answer
+        self.lock, self.unanswered = asyncio.Lock(), 0  # requests without their last answer
 
-    async def ask(self, request: dict, patience: float | None = None):
+    async def ask(self, request: dict, timeout: float | None = None):
         """Yield the answers to a request, the last one with ``end``; a closed generator cancels it. TimeoutError if an
-        answer takes longer than ``patience`` [s], after which the process is killed."""
-        async with self.turn:
+        answer takes longer than ``timeout`` [s], after which the process is killed."""
+        async with self.lock:
             for _ in range(2):
                 if not self.alive:
-                    words = sys.executable, "-m", "taichi_mps.app.worker", self.kind
+                    command = sys.executable, "-m", "taichi_mps.app.worker", self.kind
                     self.process = await asyncio.create_subprocess_exec(
-                        *words, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, limit=MAX_LINE_BYTES, start_new_session=True
+                        *command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, limit=MAX_LINE_BYTES, start_new_session=True
                     )
-                    self.open = 0
-                self.open += 1
+                    self.unanswered = 0
+                self.unanswered += 1
                 self.send({"idle": self.idle, **request})
                 try:
-                    while line := await asyncio.wait_for(self.process.stdout.readline(), patience):
-                        answer, late = json.loads(line), self.open > 1  # to one that was cancelled
-                        self.open -= "end" in answer
-                        if not late:
+                    while line := await asyncio.wait_for(self.process.stdout.readline(), timeout):
+                        answer, cancelled = json.loads(line), self.unanswered > 1
+                        self.unanswered -= "end" in answer
+                        if not cancelled:
                             yield answer
-                        if not self.open:
+                        if not self.unanswered:
                             return
                 except (asyncio.TimeoutError, TimeoutError):
                     self.kill()
                     await self.process.wait()
                     raise TimeoutError from None
                 finally:
-                    if self.open:
+                    if self.unanswered:
                         self.send({})
                 await self.process.wait()
                 yield {"remark": RESTARTED}
@@ -87,12 +87,12 @@ def answer_all(answer) -> None:
     part of the answer and ``cancelled()`` is whether the request was cancelled, until stdin is closed or no request
     comes in time. Any line after a request cancels it."""
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what is printed meanwhile is no answer
-    came, lines, idle = [], queue.SimpleQueue(), None
+    os.dup2(2, 1)  # other output goes to stderr
+    received, lines, idle = [], queue.SimpleQueue(), None
 
     def read():
         for line in chain(sys.stdin, [""]):
-            came.append(line)
+            received.append(line)
             lines.put(line)
 
     def tell(**part):
@@ -100,7 +100,7 @@ def answer_all(answer) -> None:
         out.flush()
 
     threading.Thread(target=read, daemon=True).start()
-    for taken in count(1):
+    for number in count(1):
         try:
             request = json.loads(lines.get(timeout=idle) or "null")
         except queue.Empty:
@@ -110,7 +110,7 @@ def answer_all(answer) -> None:
         if request:
             idle = request.pop("idle")
             try:
-                answer(request, tell, lambda taken=taken: len(came) > taken)
+                answer(request, tell, lambda number=number: len(received) > number)
             except Exception as error:  # a request of the page ends no process
                 tell(wrong=f"{type(error).__name__}: {error}")
             tell(end=True)

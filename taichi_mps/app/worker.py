@@ -18,7 +18,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from ..cli.main import planned
-from ..cli.run import clock_of, describe_run
+from ..cli.run import describe_run, make_clock
 from ..problem import accuracy, catalogue
 from ..problem.materials import Bingham, Concrete
 from ..problem.problem import Problem
@@ -72,9 +72,8 @@ class Film:
 
     def __init__(self, sim: Simulation, tell, cancelled):
         self.sim, self.tell, self.cancelled, self.course = sim, tell, cancelled, []
-        self.unit = (
-            float(np.abs(sim.scene.domain).max()) / 32000.0
-        )  # length of a unit of the 16-bit integer positions [m]
+        # length of a unit of the 16-bit integer positions [m]
+        self.unit = float(np.abs(sim.scene.domain).max()) / 32000.0
         self.next_picture = 0.0
 
     def run(self) -> str:
@@ -163,7 +162,7 @@ def forecast(words: list[str]) -> dict:
         with warnings.catch_warnings(record=True) as warned, redirect_stderr(messages):
             warnings.simplefilter("always")
             _, run, problem = planned("run", words)
-            clock = clock_of(problem, run)
+            clock = make_clock(problem, run)
             require_memory(problem, pairs_of(problem.scene), run.precision)
     except (SceneError, ImportError) as error:  # ImportError: pint, which numbers with a unit need
         return {"wrong": errors_by_key(plain(" ".join(str(error).split())))}

@@ -12,10 +12,8 @@ from .surfaces import MIN_DISTANCE
 SMALLEST_RING, LARGEST_RING, RING_SIZES = 0.2, 1.5, 27  # sizes of rings in the tables over the spacing, their number
 COUNT_SUMS = "neighbours", "n", "packing"  # sums in which each ghost must count once
 PAIR_SUMS = "pull", "tangential", "normal"  # sums of w/r^2, for rings times their radius over l0 (gradient.py)
-COSINES, WEDGE_ENTRIES = (
-    9,
-    24,
-)  # of the angles between two faces of a solid; entries of their tables along each distance
+# cosines of the angle between two faces of a solid, and entries of their tables along each distance
+COSINES, WEDGE_ENTRIES = 9, 24
 
 
 def perpendicular_walls(walls) -> list[list[int]]:
@@ -86,9 +84,8 @@ class GhostSums:
         n0 = lattice_sums(dimension, spacing, effective_radius, **kernels).n0
         row = round(1.5 * spacing / effective_radius * (self.entries - 1))
         pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
-        self.second_row_share = (
-            float(pull) * spacing * dimension / n0
-        )  # fraction of a wall's area that belongs to the second row
+        # fraction of a wall's area that belongs to the second row
+        self.second_row_share = float(pull) * spacing * dimension / n0
         # GHOST_SUMS at a size and z = re k/(entries - 1), and their derivative by the curvature [m]
         self.flat, self.bend = constant_fields(tables[0], (tables[1] - tables[2]) / (2.0 * bent), vectors=True)
         if corners:

@@ -25,9 +25,8 @@ class WallPositions:
         self.in_time = [surface for surface in self.surfaces if surface.in_time]
         self.separating = tuple(surface for surface in self.surfaces if surface.separates)
         if self.separating:
-            self.signed_distances = ti.field(
-                real(), (capacity, len(self.separating))
-            )  # signed distance from each of them [m]
+            # signed distance from each of them [m]
+            self.signed_distances = ti.field(real(), (capacity, len(self.separating)))
 
     def place(self, time: float) -> None:
         """Set the walls to their positions at a time [s]."""

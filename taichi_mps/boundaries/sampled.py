@@ -31,9 +31,8 @@ class SampledSurface(Surface):
         self.faces = planes.shape[1]
         if self.faces > 1:
             (self.face_row,) = constant_fields(face_row)  # row of a node in ``planes``, -1: only the nearest face
-            (self.planes,) = constant_fields(
-                np.where(np.isinf(planes), FAR, planes), vectors=True
-            )  # distance [m], normal
+            # distance [m] and normal of the faces
+            (self.planes,) = constant_fields(np.where(np.isinf(planes), FAR, planes), vectors=True)
         self.z = ti.field(real(), (capacity, self.faces))  # [m]
         self.n = ti.Vector.field(self.dimension, real(), (capacity, self.faces))
 

@@ -22,8 +22,8 @@ from ..problem.numerics import NUMERICS, Implicit
 from ..problem.problem import Problem
 from ..units import INSTANT, SceneError, plain, require, said, suggestion, user_path
 from .case_file import case_text, expand_case_file
-from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, of_scene, read_back, tell
-from .run import carry_out, clock_of, curves, describe_run, redraw, result, start
+from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, parse_scene, read_back, tell
+from .run import carry_out, describe_run, draw_curves, make_clock, print_result, redraw, start_taichi
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme that does not come to rest
@@ -37,7 +37,7 @@ KEPT_OPTIONS = ["scheme", "precision", "out", "overwrite"]  # options of a run t
 def planned(name, argv):
     """Parse the command line of run or new: arguments, options of the run, problem."""
     argv = expand_case_file(argv)
-    known, function, parser = of_scene(name, argv, Run, "SCENE|CASE.toml")
+    known, function, parser = parse_scene(name, argv, Run, "SCENE|CASE.toml")
     numerics, parameters = NUMERICS.get(known.scheme, Implicit), function.parameters
     own_until = parameters.model_fields.get("until")
     for model, left_out in ((parameters, ()), (numerics, ()), (Run, ["until"] if own_until else ())):
@@ -63,7 +63,7 @@ def planned(name, argv):
 def run(argv) -> int:
     """compute a scene or a case"""
     arguments, options, problem = planned("run", argv)
-    clock = clock_of(problem, options)
+    clock = make_clock(problem, options)
     if arguments.forecast:
         forecast = describe_run(problem, clock)
         return tell(arguments, {"forecast": forecast}, "\n".join(forecast))
@@ -75,7 +75,7 @@ def run(argv) -> int:
     with lock.held(folder.path):
         if not (arguments.json or options.quiet):
             print(plain("\n".join(describe_run(problem, clock))), flush=True)
-        start(options)
+        start_taichi(options)
         from ..simulation.simulation import Simulation
 
         sim = Simulation(problem, profile=options.profile)
@@ -115,8 +115,8 @@ def resume(arguments) -> int:
     with lock.held(folder.path):
         scene = state.scene(options.until, arguments.scene)
         problem = state.admit(replace(scene, until=options.until or scene.until))
-        clock = clock_of(problem, options)
-        start(options)
+        clock = make_clock(problem, options)
+        start_taichi(options)
         sim = state.resume(problem, profile=options.profile)
         clock.begin("ready")
         if remark:
@@ -141,7 +141,7 @@ def plot(arguments) -> int:
     from ..viz.plots import slump_curve
 
     if len(folders) == 1 and arguments.out is None:
-        made = curves(folders[0], arguments.verbose)
+        made = draw_curves(folders[0], arguments.verbose)
     else:
         made = [str(slump_curve(runs, arguments.out or "slump.png"))]
     return tell(arguments, {"pictures": made}, "\n".join(made))
@@ -165,7 +165,7 @@ def render(arguments) -> int:
         print("taichi-mps: --surface is what render draws by now; this option goes with 0.3", file=sys.stderr)
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
     replays = [Trajectory(folder.trajectory).whole(arguments.scene) for folder in folders]
-    start(options)
+    start_taichi(options)
     suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-beads" * options.beads
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
     every = Trajectory(folders[0].trajectory).origin()[2]
@@ -232,7 +232,7 @@ def info(arguments) -> int:
         folder.verify()
         with suppress(Exception):  # of a folder that comes from anybody all that is there is shown
             if not arguments.json:
-                result(facts, folder, verbose=True)
+                print_result(facts, folder, verbose=True)
                 return DONE
         return tell(arguments, facts, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
     packages = ("taichi", "numpy", "h5py", "pydantic", "matplotlib")

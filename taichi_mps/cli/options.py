@@ -41,7 +41,7 @@ GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the option
 MIX = set(Concrete.model_fields)
 COST = {"spacing", "model", "accuracy", "threads", "budget"}
 EXPERT = {"critical_strain_rate", "scheme", "precision", "arch", "renderer", "profile"}
-MEASURED = {"--slump", "--slump-flow", "--spread", "--t500"}  # results, which some take for options
+RESULTS = {"--slump", "--slump-flow", "--spread", "--t500"}  # which some users give as options
 
 SCHEMES = Literal["implicit", "semi-implicit"]
 VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
@@ -171,9 +171,7 @@ class Parser(argparse.ArgumentParser):
         for word in unknown:
             flag = word.split("=", 1)[0]
             require(flag.startswith("-"), f"unexpected argument '{word}'")
-            require(
-                flag not in MEASURED, f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it"
-            )
+            require(flag not in RESULTS, f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it")
             known = set(self._option_string_actions) - {"--help"}
             raise SceneError(f"unknown option {flag}{suggestion(flag, known)}")
         return arguments
@@ -184,7 +182,7 @@ def unnamed():
     """Each scene has options of its own, which are listed here when it is named."""
 
 
-def of_scene(command, argv, model, what, description=None):
+def parse_scene(command, argv, model, what, description=None):
     """Read the options of ``model`` and the ``scene`` of a command line before the options of the scene are known; if
     these come first, the scene is the first word that names one. Returns both, the scene's function and a parser."""
     first = Parser(command, add_help=False)

@@ -25,12 +25,12 @@ from ..runtime.memory import size
 from ..units import SceneError, plain
 from .case_file import NOT_IN_CASE, case_text
 from .options import DIVERGED, DONE
-from .stopped import SIGNALS, Stopped, began, came
+from .stopped import SIGNALS, Stopped, program_start, received
 
 MIN_WIDTH = 40  # least number of columns for the output of a result
 
 
-def start(options) -> None:
+def start_taichi(options) -> None:
     """Start Taichi without its header, which would spoil --json."""
     from ..runtime.backend import init
 
@@ -38,7 +38,7 @@ def start(options) -> None:
         init(options.arch, getattr(options, "precision", "f32"), options.threads)
 
 
-def clock_of(problem, options):
+def make_clock(problem, options):
     """Make the clock of a run, which started with the program."""
     with redirect_stdout(io.StringIO()):  # the greeting of Taichi would spoil --json
         from ..simulation.clock import Clock
@@ -46,7 +46,7 @@ def clock_of(problem, options):
     every = options.every or problem.usual_interval
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     settings = {"arch": options.arch, "precision": options.precision, "threads": options.threads or cores}
-    return Clock(problem, settings, every, began[0] if began else None)
+    return Clock(problem, settings, every, program_start[0] if program_start else None)
 
 
 def describe_run(problem, clock) -> list[str]:
@@ -94,8 +94,8 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     if folder.pictures:
         gif(folder.pictures, folder.animation, every=clock.every)
     clock.begin("report")
-    written, numerics = report(folder, sim.scene), options.verbose or options.profile
-    curves(folder, numerics, sim, options.plots or numerics or not written)
+    written, numerics = write_report(folder, sim.scene), options.verbose or options.profile
+    draw_curves(folder, numerics, sim, options.plots or numerics or not written)
     is_whole = not (resumed or error or stopped_by == "interrupted")
     summary |= clock.finish(sim.steps if is_whole else 0)
     folder.write_summary(summary)
@@ -103,7 +103,7 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     if as_json:
         print(json.dumps(summary))
     elif not options.quiet:
-        result(summary, folder, options.verbose, sim.profile())
+        print_result(summary, folder, options.verbose, sim.profile())
     if error:
         print(f"taichi-mps: {plain(error)}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
         return DIVERGED
@@ -124,7 +124,7 @@ def interruptible(sim):
         sim.interrupt()
 
     before = {number: signal.signal(number, stop) for number in SIGNALS}
-    for number in came[:1]:  # what was being imported swallowed the exception, as Taichi's modules may
+    for number in received[:1]:  # what was being imported swallowed the exception, as Taichi's modules may
         stop(number, None)
     try:
         yield signals
@@ -186,7 +186,7 @@ def progress(sim, recorder, quiet, verbose, clock):
         yield
 
 
-def result(summary: dict, folder, verbose=False, stages=()) -> None:
+def print_result(summary: dict, folder, verbose=False, stages=()) -> None:
     """Print the result: sentences, then each number with its meaning; the numerics with ``verbose`` or ``stages``."""
     console = Console(highlight=False)
     console.width = max(console.width, MIN_WIDTH)
@@ -209,7 +209,7 @@ def result(summary: dict, folder, verbose=False, stages=()) -> None:
     console.print(shown)
 
 
-def curves(folder, numerics=False, sim=None, courses=True) -> list[str]:
+def draw_curves(folder, numerics=False, sim=None, courses=True) -> list[str]:
     """Draw slump.png and history.png, if ``courses`` are wanted, with the numerics if asked, and filling.png for a
     scene with a cavity; nothing without matplotlib. Returns the paths of the files."""
     cavity = sim and sim.scene.cavity
@@ -228,7 +228,7 @@ def curves(folder, numerics=False, sim=None, courses=True) -> list[str]:
     return [str(path) for path in (slump, course, filling) if path.is_file()]
 
 
-def report(folder, scene=None) -> bool:
+def write_report(folder, scene=None) -> bool:
     """Write report.html; returns whether it was written. A failure prints one line and does not end the run."""
     from ..report.page import write
 

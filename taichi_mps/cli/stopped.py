@@ -5,8 +5,8 @@ import sys
 import time
 
 SIGNALS = signal.SIGINT, signal.SIGTERM
-began: list[float] = []  # start of the program, if this process is it, by time.monotonic [s]
-came: list[int] = []  # signals received before a run handled them itself
+program_start: list[float] = []  # start of the program, if this process is it, by time.monotonic [s]
+received: list[int] = []  # signals received before a run handled them itself
 
 
 class Stopped(KeyboardInterrupt):
@@ -21,11 +21,11 @@ def listen() -> None:
     """Let both signals raise Stopped in the main thread."""
 
     def stop(number, frame):
-        came.append(number)
+        received.append(number)
         raise Stopped(number)
 
-    began.append(time.monotonic())
+    program_start.append(time.monotonic())
     for number in SIGNALS:
         signal.signal(number, stop)
-    hook = sys.unraisablehook  # a callback of the import system may swallow Stopped and print it; ``came`` keeps it
+    hook = sys.unraisablehook  # a callback of the import system may swallow Stopped and print it; ``received`` keeps it
     sys.unraisablehook = lambda lost: None if isinstance(lost.exc_value, Stopped) else hook(lost)

@@ -26,7 +26,7 @@ from ..study.sweep import ACCURACY, LOST, cases, sweep, wall_time
 from ..study.tables import measures
 from ..units import Checked, Count, Speed, plain, require, said, user_path
 from . import case_file
-from .options import DONE, JSON, Workers, command, given, of_scene, read_back, tell
+from .options import DONE, JSON, Workers, command, given, parse_scene, read_back, tell
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result, and calibrate --table where no mix did
 NEEDS = "chart needs matplotlib: pip install 'taichi-mps[plots]'"
@@ -87,7 +87,7 @@ class Lookup(Checked):
 
 def parsed(command, argv, what, options, leave_out=(), **models):
     """Arguments of a command that takes a scene, and the scene's function; ``models``: more options by their title."""
-    _, function, parser = of_scene(command, argv, next(iter(models.values()), options), "SCENE", what)
+    _, function, parser = parse_scene(command, argv, next(iter(models.values()), options), "SCENE", what)
     parser.add_argument("--json", **JSON["--json"])
     for name, model in models.items():
         parser.options(model, name)

@@ -54,9 +54,9 @@ class Cavity:
     """
 
     low: vector("m")
-    high: vector("m")  # the last coordinate is the level to which the form is filled
+    high: vector("m")
     walls: tuple[InstanceOf[Surface], ...]
-    spacing: Size  # of the particles
+    spacing: Size
 
     def __post_init__(self):
         form = f"cavity: low = {self.low} m, high = {self.high} m, spacing = {self.spacing:g} m"

@@ -253,14 +253,14 @@ class Cylinder(Moving):
     """
 
     point: vector("m")
-    radius: Size  # at ``point`` [m]
+    radius: Size
     axis: array("", (0,), (3,), kind=tuple) | None = None
     inside: Flag = True
     angular_velocity: real("rad/s", ge=-1e6, le=1e6) = 0.0
     velocity: real("m/s", ge=-1e6, le=1e6) | in_time("m/s") = 0.0
     slip: Flag = False
-    slope: real("", ge=-1e6, le=1e6) = 0.0  # [-]
-    length: Size | None = None  # endless if None
+    slope: real("", ge=-1e6, le=1e6) = 0.0
+    length: Size | None = None
     loose: Flag = False
     thin: Flag = False
     friction: InstanceOf[Friction] | None = None

@@ -74,22 +74,19 @@ class NodeOperators:
         self.filled_count = ti.field(ti.i32, ())  # number of these cells
         self.filled_number = ti.field(ti.i32, bins.cells)  # index of a cell in filled_cells, -1: empty
         self.fraction = ti.Vector.field(d, real(), bins.particles.capacity)  # place of each particle in its cell [-]
-        self.corner_weights = ti.Vector.field(
-            2**d, real(), bins.particles.capacity
-        )  # of the corners of a particle's cell [-]
+        # interpolation weights of the corners of each particle's cell [-]
+        self.corner_weights = ti.Vector.field(2**d, real(), bins.particles.capacity)
         self.stencil_points = 3**d
         self.a, self.c = (ti.field(real(), self.nodes) for _ in range(2))  # sums over the cell above each node
         self.S = ti.Matrix.field(d, d, real(), self.nodes)
         self.centre = ti.Vector.field(d, real(), self.nodes)  # centre of a in the cell, 0 to 1 [-]
         self.lanes = 4 if d == 3 else d  # LLVM makes vector instructions of four numbers
-        self.stencil = ti.Matrix.field(
-            d, self.lanes, real(), (self.rows, self.stencil_points)
-        )  # transposed blocks of A_l
+        # transposed blocks of A_l
+        self.stencil = ti.Matrix.field(d, self.lanes, real(), (self.rows, self.stencil_points))
         self.column = ti.field(ti.i32, (self.rows, self.stencil_points))  # node at each stencil point
         self.inverse = ti.Matrix.field(d, d, real(), self.nodes)  # D_l^-1
-        self.finer = ti.field(
-            ti.i32, (self.rows, self.stencil_points)
-        )  # node of the finer grid at each offset, -1: none
+        # node of the finer grid at each offset, -1: none
+        self.finer = ti.field(ti.i32, (self.rows, self.stencil_points))
         ratio = self.ratio.to_numpy()[:, None]
         apart = np.abs(np.array(list(product((-1, 0, 1), repeat=d))))
         (self.weights,) = constant_fields(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))  # of that node

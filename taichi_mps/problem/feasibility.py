@@ -119,9 +119,8 @@ def particles_are_apart(problem):
     """No two particles lie at one place, periodic images included."""
     scene, x = problem.scene, problem.scene.initial
     low, high = np.array(scene.domain, float)
-    images = np.where(
-        scene.periodic, low + np.mod(x - low, high - low), x
-    )  # both ends of a periodic axis are one place
+    # the ends of a periodic axis are the same place
+    images = np.where(scene.periodic, low + np.mod(x - low, high - low), x)
     doubles = len(x) - len(count_in_cells(images, 1e-3 * scene.spacing)[1])
     require(doubles == 0, f"fluid: {doubles} of {len(x)} particles lie on others; all must be apart")
 

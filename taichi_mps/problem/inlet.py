@@ -60,13 +60,13 @@ class Inlet:
 
     centre: vector("m")
     direction: vector("")
-    radius: Size  # half of the width in 2-D [m]
+    radius: Size
     rate: real("m3/s", gt=0.0, le=1e9)
     volume: real("m3", gt=0.0, le=1e9)
     start: Time = 0.0
-    material: AnyMaterial | None = None  # the mix; that of the scene by default
-    path: array("s and m", (None, None)) | None = None  # (time [s], displacement [m] ...), (k, 1 + d)
-    height: Size | None = None  # of a rectangular mouth, in 3-D
+    material: AnyMaterial | None = None
+    path: array("s and m", (None, None)) | None = None
+    height: Size | None = None
 
     def __post_init__(self):
         d = len(self.centre)
@@ -133,9 +133,8 @@ class Inlet:
         across_its_height = self.height is None or least <= self.height <= most
         require(across_its_height, f"{height}: must be 1 to {MAX_RADIUS_IN_SPACINGS} times spacing = {spacing:g} m")
         along, across = self.unit_direction, []
-        axes = np.eye(len(along))[
-            np.argsort(np.abs(along), kind="stable")[:-1]
-        ]  # those most nearly perpendicular to the hose
+        # axes most nearly perpendicular to the hose
+        axes = np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]
         if self.height is not None and np.hypot(along[0], along[1]) > 1e-9:  # level, and upright
             axes = np.stack([np.cross(along, (0.0, 0.0, 1.0)), (0.0, 0.0, 1.0)])
         for axis in axes:

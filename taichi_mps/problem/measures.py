@@ -61,17 +61,17 @@ class Snapshot:
     """
 
     time: Time
-    spacing: Size  # l0
-    x: points("m")  # position, (n, d)
-    u: np.ndarray  # velocity [m/s], (n, d)
-    p: np.ndarray  # pressure [Pa], of `implicit` averaged over the neighbours, (n,)
-    shear_rate: np.ndarray  # sqrt(2 D:D) [1/s], (n,)
-    yielded: np.ndarray  # flowing, bool, (n,)
-    density_ratio: np.ndarray  # particle number density over n0 [-], (n,)
-    wall_x: points("m")  # wall particles [m], (m, d); empty where walls are surfaces
-    size: np.ndarray | None = None  # side of each particle's square or cube [m], (n,); l0 by default
-    mix: np.ndarray | None = None  # number of the mix, (n,); 0 by default
-    loads: dict[str, Load] = field(default_factory=dict)  # on the walls by their names, where they are asked for
+    spacing: Size
+    x: points("m")
+    u: np.ndarray
+    p: np.ndarray
+    shear_rate: np.ndarray
+    yielded: np.ndarray
+    density_ratio: np.ndarray
+    wall_x: points("m")
+    size: np.ndarray | None = None
+    mix: np.ndarray | None = None
+    loads: dict[str, Load] = field(default_factory=dict)
 
     def __post_init__(self):
         for name in ("u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix"):

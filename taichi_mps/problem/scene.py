@@ -109,28 +109,28 @@ class Scene:
 
     name: SceneText
     material: AnyMaterial
-    spacing: Size  # l0
-    fluid: points("m") | None  # particle positions, (n, d); may be None with an inlet that starts at 0 s
-    domain: array("m", (2, 2), (2, 3), kind=tuple)  # low, high corner; leaving it is an error
+    spacing: Size
+    fluid: points("m") | None
+    domain: array("m", (2, 2), (2, 3), kind=tuple)
     walls: SceneWalls = ()
-    wall_particles: points("m") | None = None  # the paper's walls, (m, d)
-    velocity: points("m/s") | None = None  # initial velocity, (n, d)
-    gravity: vector("m/s2") | in_time("m/s2") | None = None  # 9.81 down the last axis by default
-    periodic: instance(bool | np.bool_, "a tuple, each True or False", several=True) | None = None  # none by default
+    wall_particles: points("m") | None = None
+    velocity: points("m/s") | None = None
+    gravity: vector("m/s2") | in_time("m/s2") | None = None
+    periodic: instance(bool | np.bool_, "a tuple, each True or False", several=True) | None = None
     axisymmetric: SceneFlag = False
     until: Duration = 5.0
     stop_at_rest: SceneFlag = False
-    inlets: instance(Inlet, "a tuple, each Inlet", several=True) = ()  # where concrete enters, scheme implicit
-    cavity: instance(Cavity, "a Cavity") | None = None  # what it is to fill, for the report
-    measure: SceneFunction | None = None  # of the whole body, see unfold
-    check: SceneFunction | None = None  # raises AssertionError when the result is wrong
-    over_time: SceneFunction | None = None  # of the columns of history.csv, for the summary
-    enlarged_by: SceneText = ""  # the keyword of the scene's function that enlarges the domain
-    wall_loads: SceneFlag = False  # whether ``measure`` reads the loads on the walls
-    outline: tuple[points("m"), ...] = ()  # polylines to draw, each (k, d)
-    mould: instance(Cone, "a Cone") | None = None  # shape of the fluid at 0 s, for pictures
-    vessel: tuple[array("m", (None, 3)), ...] = ()  # faces to draw as glass, each (k, 3)
-    parameters: instance(dict, "a dict") = field(default_factory=dict)  # as given, for the summary
+    inlets: instance(Inlet, "a tuple, each Inlet", several=True) = ()
+    cavity: instance(Cavity, "a Cavity") | None = None
+    measure: SceneFunction | None = None
+    check: SceneFunction | None = None
+    over_time: SceneFunction | None = None
+    enlarged_by: SceneText = ""
+    wall_loads: SceneFlag = False
+    outline: tuple[points("m"), ...] = ()
+    mould: instance(Cone, "a Cone") | None = None
+    vessel: tuple[array("m", (None, 3)), ...] = ()
+    parameters: instance(dict, "a dict") = field(default_factory=dict)
     jolts: instance(Jolt, "a tuple, each Jolt", several=True) = ()
 
     def __post_init__(self):

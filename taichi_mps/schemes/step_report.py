@@ -1,4 +1,4 @@
-"""Report of one step, and the error of a run whose numbers mean nothing any more."""
+"""Report of one step, and the errors of a run whose results are invalid."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -19,13 +19,14 @@ class StepReport:
     dt : float
         Length [s].
     dt_limit : str
-        What bounded it: Courant, diffusion, growth, maximum, first or output.
+        What bounded it: Courant, diffusion, growth, maximum, first or end (of the run, or where a prescribed motion or
+        inflow changes).
     max_speed : float
         Largest speed of a particle [m/s].
     mean_speed : float
         Root mean square of the speed [m/s].
     moving_speed : float
-        Speed of what moves, sqrt(sum V u^4/sum V u^2) [m/s].
+        Speed of the moving part, sqrt(sum V u^4/sum V u^2) [m/s].
     acceleration : float
         Root mean square of the change of velocity over dt [m/s2]; not computed by ``semi-implicit``.
     kinetic_energy : float
@@ -40,14 +41,14 @@ class StepReport:
     residual : float
         Relative residual of the last solve [-].
     volume_error : float
-        Packing of the particles with a full neighbourhood over its mean, less 1 [-].
+        Packing of a full lattice over the mean of the particles with a full neighbourhood, less 1 [-].
     flowing_fraction : float, optional
         Fraction of the volume where the viscous stress is over 5 % of the yield stress [-].
     volume_error_max : float, optional
-        Largest magnitude of ``volume_error`` in the run so far [-].
+        Largest magnitude of ``volume_error`` in the run so far, while no jet falls [-].
     strain_rate_residual, divergence_residual : float, optional
-        Root mean squares of 2|D - q| and |div u - s| after the last outer iteration of ``implicit``, over the rate of
-        the scene [-]; nan of ``semi-implicit``.
+        Root mean squares of 2|D - q| and |div u - s| after the last outer iteration of ``implicit``, over
+        sqrt(g/H + U^2/H^2) [-]; nan of ``semi-implicit``.
 
     Examples
     --------
@@ -60,22 +61,22 @@ class StepReport:
     """
 
     step: int
-    time: float  # at the end of the step [s]
-    dt: float  # [s]
-    dt_limit: str  # what bounded dt: Courant, diffusion, growth, maximum, first or end (until, or a hose opens)
-    max_speed: float  # [m/s]
-    mean_speed: float  # root mean square [m/s]
-    moving_speed: float  # of what moves: sqrt(sum V u^4/sum V u^2) [m/s]
-    acceleration: float  # change of velocity over dt, root mean square [m/s2]; not computed by semi-implicit
-    kinetic_energy: float  # [J]
-    unyielded_fraction: float  # of the fluid particles [-]
+    time: float
+    dt: float
+    dt_limit: str
+    max_speed: float
+    mean_speed: float
+    moving_speed: float
+    acceleration: float
+    kinetic_energy: float
+    unyielded_fraction: float
     outer_iterations: int
     solver_iterations: int
-    residual: float  # relative, of the last solve
-    volume_error: float  # full over mean packing, less 1, of the particles with a full neighbourhood [-]
-    flowing_fraction: float = math.nan  # of the volume: where the viscous stress is over 5 % of the yield stress [-]
-    volume_error_max: float = 0.0  # largest size of it so far while no jet falls [-]
-    strain_rate_residual: float = math.nan  # of the outer iterations, over sqrt(g/H + U^2/H^2) [-]
+    residual: float
+    volume_error: float
+    flowing_fraction: float = math.nan
+    volume_error_max: float = 0.0
+    strain_rate_residual: float = math.nan
     divergence_residual: float = math.nan
 
     @property
@@ -97,7 +98,7 @@ class StepReport:
 
 
 class DivergedError(RuntimeError):
-    """Error of a run whose numbers mean nothing any more.
+    """Error of a run whose results are invalid from some step on.
 
     Parameters
     ----------
@@ -139,7 +140,7 @@ class DomainError(DivergedError):
 
 
 class UnmeasuredError(DivergedError):
-    """Error of a run that came to its end without a number for a result that it was made for.
+    """Error of a run that ended without a number for a result that it was made for.
 
     Examples
     --------

@@ -74,8 +74,7 @@ def interpolate(earlier: Frame, later: Frame, time: float) -> Frame:
     way = np.vstack([last.x[:known] - first.x, span * last.u[known:]])
     gain = np.vstack([last.u[:known] - first.u, 0.0 * last.u[known:]])
     low, high = np.array(later.scene.domain, float)
-    way -= (
-        later.scene.periodic * (high - low) * np.round(way / (high - low))
-    )  # who left at one end came in at the other
+    # across a periodic axis the shorter way
+    way -= later.scene.periodic * (high - low) * np.round(way / (high - low))
     part = back / span
     return replace(later, state=replace(last, time=time, x=last.x + part * way, u=last.u + part * gain))

@@ -38,7 +38,7 @@ class Pressure(Term):
         x = self.particles.x[i]
         total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
         own = self.constants.density[self.constants.mix(i)]
-        g = ti.cast(self.constants.gravity_at(i), float) * self.constants.pressed(pressure[i])
+        g = ti.cast(self.constants.gravity_at(i), float) * self.constants.pressure_ramp(pressure[i])
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if self.gradient.B[j][0, 0] > 0.0:

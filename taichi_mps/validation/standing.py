@@ -1,8 +1,8 @@
-"""Bodies that stand or flow: the yield stress at which a column stands, and arrested slumps, which must stand.
+"""Bodies at the limit between standing and flowing: the critical yield stress of a column, and arrested slumps.
 
-A body that fell into its shape stands below its own yield stress, too: inertia carried it farther than its weight
-would. How far below follows from the finite elements without inertia: STATIC_LIMITS. So it must stand at its yield
-value and at 1.05 of that limit, and flow at 0.95 of it.
+A body that fell into its shape stands also below its own yield stress, since inertia carried it farther than its weight
+would. Finite elements without inertia give the limit, STATIC_LIMITS. So it must stand at its yield stress and at 1.05
+of the limit, and flow at 0.95 of it.
 """
 
 from dataclasses import dataclass, replace
@@ -89,8 +89,8 @@ def jittered(body, size: float) -> np.ndarray:
 
 
 def relaxed(body) -> np.ndarray:
-    """Disordered particles in the body that have found even distances, like those of a liquid: they begin at random
-    places and are shifted apart 200 times, in a column of 8 x 8 l0 on the floor, periodic to the sides, with a lid."""
+    """Disordered particles in the body at even distances, as in a liquid: from random places they are shifted apart 200
+    times, in a column of 8 x 8 l0 with floor and lid and periodic sides, whose copies fill the body."""
     wide, passes = 8, 200
     high = int(np.ceil(body.bounds[1][2] / SPACING)) + 2
     x = np.random.default_rng(1).uniform(0.0, 1.0, (wide * wide * high, 3)) * (wide, wide, high)
@@ -124,8 +124,8 @@ def sinking(particles, yield_value: float) -> float:
 
 
 def arrested(fill, below=True, **settings):
-    """Arrested bodies, filled by a function of the body, in 1 s: at tau_y and 5 % above the static limit they stand;
-    ``below``: 5 % below it they flow."""
+    """Yield the sinking in 1 s of arrested bodies filled by a function of the body, which must stand at tau_y and 5 %
+    above the static limit and, with ``below``, flow 5 % below it."""
     for tau_y, limit in STATIC_LIMITS.items():
         particles = fill(Revolved(final_shape(tau_y), mps.Cone(0.1, 0.05, HEIGHT).volume), **settings)
         for share in (1.0, 1.05 * limit) if below and 1.05 * limit <= 1.0 else (1.0,):

@@ -48,12 +48,8 @@ VIEW_VALUES = {  # values of a view, and the label of its colour bar
     "pressure": (lambda s: 1e-3 * s.p, "pressure [kPa]"),
     "shear-rate": (lambda s: s.shear_rate, "shear rate [1/s]"),
 }
-VIEW_FIELDS = {
-    "speed": ["u"],
-    "pressure": ["p"],
-    "shear-rate": ["shear_rate"],
-    "yielded": ["yielded"],
-}  # fields of a view
+# fields that a view reads
+VIEW_FIELDS = {"speed": ["u"], "pressure": ["p"], "shear-rate": ["shear_rate"], "yielded": ["yielded"]}
 VIEWS = ("concrete", *VIEW_VALUES, "yielded", "mix")
 Pixels, Limits, Rate = (
     Annotated[Count, Field(ge=16, le=8192)],

@@ -213,7 +213,7 @@ def test_a_resident_answers_is_started_again_when_it_dies_and_ends_when_nobody_a
         await begun.wait()
         again = await said(resident, yield_value="-3")
         asking = asyncio.create_task(said(resident))
-        while not resident.open:
+        while not resident.unanswered:
             await asyncio.sleep(0.01)
         resident.process.kill()  # while it is asked
         told = await asking

@@ -60,7 +60,7 @@ def door(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("door"))
-        patch.setattr(cli, "start", refuse)
+        patch.setattr(cli, "start_taichi", refuse)
         patch.setattr(commands, "sweep", refuse)
         patch.setattr(commands.one_mix, "calibrate", refuse)
         patch.setattr("taichi_mps.geometry.shapes.MAX_POINTS", 2e4)
@@ -246,7 +246,7 @@ def test_a_resume_that_is_refused_or_not_yet_begun_leaves_a_damaged_checkpoint(r
 @pytest.mark.parametrize(("words", "every"), [([], 0.01), (["--every", "0.5"], 0.5)])
 def test_a_resumed_run_keeps_its_interval_unless_another_is_given(run, monkeypatch, words, every):
     found = []
-    monkeypatch.setattr(cli, "start", lambda options: None)
+    monkeypatch.setattr(cli, "start_taichi", lambda options: None)
     monkeypatch.setattr(checkpoint.Checkpoint, "resume", lambda *_, **__: None)
     monkeypatch.setattr(cli, "carry_out", lambda sim, folder, options, *_, **__: found.append(options.every) or 0)
     assert mps.main(["resume", str(run.path), *words]) == 0 and found == [every]
@@ -356,7 +356,7 @@ def test_errors_and_info_show_no_terminal_escapes(tmp_path, capsys):
 def test_a_folder_whose_name_is_no_text(tmp_path, capsys):
     folder, sim, recorder = recorded(tmp_path / os.fsdecode(b"r\xff\xfe"), 1)
     told = {"scheme": "implicit", "wall_seconds": 1.0, "cpu_seconds": 1.0, "compile_seconds": 1.0}
-    console.result(recorder.finish("time") | told | {"simulated_seconds": sim.time}, folder)
+    console.print_result(recorder.finish("time") | told | {"simulated_seconds": sim.time}, folder)
     assert r"r\udcff\udcfe" in "".join(capsys.readouterr().out.split())  # lines are wrapped
     assert mps.main(["export", str(folder.path)]) == 0
     assert r"r\udcff\udcfe" in capsys.readouterr().out

@@ -186,9 +186,8 @@ def test_files_as_other_programs_write_them(tmp_path):
         read_mesh(tmp_path / "cube.dxf")
 
 
-STEP = (
-    Path(__file__).parents[1] / "reference" / "parts.step"
-)  # a box 30 mm away from the origin along y, and a round post
+# a box 30 mm away from the origin along y, and a round post
+STEP = Path(__file__).parents[1] / "reference" / "parts.step"
 BLOCK, RADIUS = (20.0, 10.0, 5.0), 10.0  # sides of the box, radius of the post [mm]
 MILLIMETRE = "(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"
 UNITS = {  # size of a unit [m], and how a STEP file names it

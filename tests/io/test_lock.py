@@ -40,7 +40,7 @@ def holder(run):
 
 def test_a_second_writer_is_refused_until_the_first_is_killed_and_readers_never(run, holder, capsys, monkeypatch):
     started = []
-    monkeypatch.setattr(cli, "start", started.append)
+    monkeypatch.setattr(cli, "start_taichi", started.append)
     monkeypatch.setattr(cli, "carry_out", lambda *_, **__: 0)
     monkeypatch.setattr("taichi_mps.io.checkpoint.Checkpoint.resume", lambda *_, **__: None)
     before = contents(run)
