@@ -121,12 +121,12 @@ def write(name: str, workers="1") -> None:
 
 
 def told(rows, total) -> None:
-    """How many cases have come, and the last of them."""
+    """Print the number of finished cases and the last one."""
     print(len(rows), "of", total, rows[-1:], flush=True)
 
 
 def shares() -> None:
-    """How well known constants are found, and how often their intervals hold them."""
+    """Print how well known constants are found, and how often their intervals hold them."""
     tables = [emulator_of()]
     for tau_y, eta, measured in KNOWN:
         found = fit(tables, {name: (value, ERRORS[name]) for name, value in measured.items()}, DENSITY)

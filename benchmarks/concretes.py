@@ -49,7 +49,7 @@ def run() -> None:
 
 
 def calibrated() -> str:
-    """How they come out of `taichi-mps calibrate --table`, as a table; each of them in results/concretes.csv."""
+    """Return a table of the verdicts of `taichi-mps calibrate --table`, and write each mix to results/concretes.csv."""
     columns = {"no": "no", "slump [cm]": "slump_cm", "spread [cm]": "flow_cm", "rho [kg/m3]": "density_kg_m3"}
     rows = [{name: line[column] for name, column in columns.items()} for line in read_reference(MEASURED)]
     found = mixes.calibrate_list(rows)
@@ -62,7 +62,8 @@ def calibrated() -> str:
 
 
 def with_friction(found) -> str:
-    """How well those that internal friction explains are determined, and at which plastic viscosities."""
+    """Return a sentence on how well the mixes that internal friction explains are determined, and at which plastic
+    viscosities."""
     some = [row for row in found if row["verdict"] == mixes.WITH_FRICTION]
     known = [sum(row[f"{name}_found"] is not None for name in ("yield_value", "friction_angle")) for row in some]
     angles = [row["friction_angle_found"] for row in some if row["friction_angle_found"] is not None]

@@ -149,7 +149,7 @@ def parts(found: dict):
 
 
 def rows(found: dict):
-    """Every run: what it was made with, errors, time of rest and residuals."""
+    """Yield a row for each run: its settings, errors, time of rest and residuals."""
     for model, mix, spacing, runs in parts(found):
         for step, name, one in ((step, name, one) for step, of_step in runs.items() for name, one in of_step.items()):
             yield [
@@ -203,7 +203,7 @@ def judged(found: dict):
 
 
 def far(errors, target: float) -> str:
-    """How far errors are apart [mm], bold where that is over a target."""
+    """Format the range of errors [mm], in bold where it exceeds a target."""
     apart = [f"{1e3 * number:.1f}" for number in np.ptp(errors, axis=0)]
     return ", ".join(f"**{number}**" if float(number) > target else number for number in apart)
 

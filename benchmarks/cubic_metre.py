@@ -47,7 +47,8 @@ FEWEST = 100  # particles from which on the cost of a step is read; before, it i
 
 
 def compute(name: str, until: float | None, threads: int) -> None:
-    """One case, from where it stands, to its end or to ``until`` [s]: its run folder and its entry in RESULTS."""
+    """Run a case, from its checkpoint if there is one, to its end or to ``until`` [s]; write its run folder and its
+    entry in RESULTS."""
     import taichi_mps as mps
     from taichi_mps.io import checkpoint
     from taichi_mps.io.recorder import Recorder

@@ -286,7 +286,7 @@ def numerics() -> str:
 
 
 def least(runs: list[dict]) -> dict:
-    """One of several runs of a case, with the least times; an error where one failed or their bits differ."""
+    """Combine runs of a case into one with the least times; an error where one failed or their bits differ."""
     failed = next((run for run in runs if "error" in run), None)
     if failed or len({run["hash"] for run in runs}) > 1:
         return failed or {"error": "bits differ from run to run"}

@@ -37,7 +37,7 @@ def cases() -> dict[str, dict]:
 
 
 def point(**keywords) -> dict:
-    """One run to its end: times [s] and fronts [m], the final height [m], and the final shape [m]."""
+    """Run a test to its end and return times [s], fronts [m], the final height [m] and the final shape [m]."""
     import taichi_mps as mps
 
     mps.init(threads=1)

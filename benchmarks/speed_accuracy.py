@@ -93,7 +93,7 @@ def point(flow, scheme, size, step, budget=None) -> dict:
 
 
 def one_run(flow, scheme, size, step, budget, seed) -> dict:
-    """One of the runs of a point."""
+    """Run a point once."""
     import taichi_mps as mps
     from taichi_mps.validation import with_wall_particles
 
@@ -251,7 +251,7 @@ def draw() -> None:
 
 
 def run(flows: list[str], budget: float | None) -> None:
-    """Every point of these flows without a result; with a larger budget also those that did not finish."""
+    """Run every point of these flows without a result and, with a larger budget, those that did not finish."""
 
     def stopped_early(known):
         return bool(budget) and known["fate"] == "interrupted" and known["budget"] < budget

@@ -200,7 +200,7 @@ def draw_yield(found) -> None:
 
 
 def counted(found: dict[str, dict]) -> str:
-    """How many cells of each scheme are stable, inaccurate or fail, and the ways of failing."""
+    """Return how many cells of each scheme are stable, inaccurate or fail, and how they fail."""
     lines = []
     for scheme, title in TITLES.items():
         verdicts = [judge(cell) for cell in found.values() if cell["scheme"] == scheme]

@@ -103,6 +103,7 @@ def scene(
     form = [(0.0, height), (0.0, 0.0), (length, 0.0), (length, height)]
 
     def measure(s):
+        """Return the largest horizontal distance [m] of the concrete from the hose."""
         ends = [mps.measure.level(s, (x, -0.5 * half), (x + 0.1, 0.5 * half)) for x in (0.0, length - 0.1)]
         found = {"front_m": mps.measure.front(s)["front_m"], "near_m": ends[0], "far_m": ends[1]}
         return found | (pressures(s) if s.loads else {})
@@ -190,7 +191,7 @@ def cast(material, form, bars, opening, reach, spacing, fill_point, hose_diamete
         )
 
     def measure(s):
-        """How far [m] from the hose the concrete has come, level."""
+        """Return the largest horizontal distance [m] of the concrete from the hose."""
         return {"front_m": float(np.hypot(s.x[:, 0] - x, s.x[:, 1] - y).max() + 0.5 * s.spacing)}
 
     def check(s, measures):

@@ -61,8 +61,8 @@ class Case:
         return catalogue.build("slump", spacing=self.spacing, until=self.until, **mix)
 
     def data(self, run: Run, seed: int = 0) -> dict:
-        """What a peer's script reads: the numbers of the case and, of particles, the engine's own filling. In a dam
-        break, whose particles are the peers' own, all of the water stands ``aside`` of the wall by one number."""
+        """Return the input of a peer's script: the numbers of the case and, for particles, the engine's own filling. In
+        a dam break, with the peers' own particles, all of the water is displaced from the wall by ``aside``."""
         common = {"spacing": self.spacing, "until": self.until, "settings": run.settings}
         if self.kind == "dam":
             times = np.arange(1, round(self.until / 0.01) + 1) * 0.01

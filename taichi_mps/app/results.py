@@ -147,7 +147,7 @@ class Runs:
         raise SceneError(f"run = {plain(name)}: no such run here")
 
     def list(self, asked) -> dict:
-        """All runs, and those in the bin."""
+        """Return all runs and those in the bin."""
         return {"runs": self.rows(), "bin": [row(folder) for folder in self.folders(self.bin)]}
 
     def show(self, asked) -> dict:

@@ -42,7 +42,7 @@ def case_text(source: str, problem, settings: dict) -> str:
 
 
 def keywords(function, numerics) -> dict:
-    """All that a case of a scene function can say: {key: (its model, its field)}."""
+    """Return all keywords of a case of a scene function, {key: (its model, its field)}."""
     found = {}
     for model in (function.parameters, numerics, Run):
         for name, field in model.model_fields.items():

@@ -279,7 +279,7 @@ def calibrate_scene(argv) -> int:
 
 
 def calibrate_table(arguments, options: Lookup, told: dict) -> int:
-    """One calibration for each line of a laboratory's list."""
+    """Calibrate each mix of a laboratory's list."""
     from ..study import mixes
 
     path = user_path(options.table)

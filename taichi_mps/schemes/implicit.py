@@ -128,7 +128,7 @@ class Implicit(Scheme):
         )
 
     def step(self, dt: float, is_read: bool = False):
-        """One step of dt [s], whose result is ``is_read`` or not."""
+        """Take a step of dt [s], whose result is read or not (``is_read``)."""
         u, first = self.velocity.velocity, int(self.first)
         iterations, viscous = FIRST_ITERATIONS if first else self.numerics.passes, first * self.viscous_iterations
         self.constants.set_time_step(dt)

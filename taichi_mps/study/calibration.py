@@ -118,7 +118,7 @@ class FittedConstants:
         return " and ".join(texts) or "neither constant alone"
 
     def facts(self) -> dict:
-        """All results, JSON-ready."""
+        """Return all results, JSON-ready."""
         known = {name: asdict(it) | {"determined": it.determined} for name, it in self.constants.items()}
         return vars(self) | {"constants": known, "told": str(self)}
 
@@ -138,7 +138,7 @@ class Mix(FittedConstants):
     usual: bool = False  # whether the plastic viscosity is a default, neither given nor found
 
     def facts(self) -> dict:
-        """All results, JSON-ready."""
+        """Return all results, JSON-ready."""
         facts = super().facts()
         return facts | facts.pop("constants")
 
@@ -278,7 +278,7 @@ class Calibration(Mix):
         return self.friction if self.explained_by_friction else self
 
     def facts(self) -> dict:
-        """All results, JSON-ready."""
+        """Return all results, JSON-ready."""
         facts = super().facts() | {"contradictory": self.contradictory, "at_the_edge": self.at_the_edge}
         return facts | {"friction": self.friction and self.friction.facts(), "mix": self.best.values}
 

@@ -1,4 +1,4 @@
-"""Charts of studies. The one for the wall: slump and slump flow of the standard cone against yield stress."""
+"""Charts of studies, calibrations and forms; ``slump_chart`` is the one to hang up in a laboratory."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from .require import fills
 from .tables import measures
 
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
-FORMULAS = {  # column of the reference, who, and the slumps [mm] for which it was made
+FORMULAS = {  # column of the reference: authors, and the range of slumps [mm] in which the formula is valid
     "s_MurataKikukawa_mm": ("Murata and Kikukawa 1992", (10.0, 300.0)),
     "s_Hu_mm": ("Hu 1995", (0.0, 300.0)),
     "s_FdL_mm": ("Ferraris and de Larrard 1998", (0.0, 300.0)),
@@ -27,19 +27,19 @@ ELEMENTS = "finite elements, 50 Pa s", "finite elements without inertia"
 GREY = {"color": "#777f88", "lw": 1.3}  # of formulas
 
 
-def set_log_ticks(axis, low: float, high: float, least=()) -> None:
-    """Ticks at 1, 2 and 5 times powers of ten between two ends of a logarithmic axis; where there are fewer than three
-    of these, and values ``least`` are given, at those."""
+def set_log_ticks(axis, low: float, high: float, values=()) -> None:
+    """Set ticks at 1, 2 and 5 times powers of ten between two ends of a logarithmic axis or, where there are fewer than
+    three of these, at given ``values``."""
     ticks = [k * 10.0**power for power in range(-6, 7) for k in (1, 2, 5) if low <= 1.01 * k * 10.0**power]
     ticks = [tick for tick in ticks if 0.99 * tick <= high]
-    ticks = sorted(least) if least and len(ticks) < 3 else ticks
+    ticks = sorted(values) if values and len(ticks) < 3 else ticks
     axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
     axis.set_ticks([], minor=True)
 
 
 @validated
 def slump_chart(out: File, study: Place | None = None) -> Path:
-    """Slump and slump flow [cm] of the cone against yield stress [Pa], by a study, finite elements and formulas."""
+    """Draw slump and slump flow [cm] of the cone against yield stress, by a study, finite elements and formulas."""
     emulator = emulator_of(study)
     figure, (left, right) = _figure(13.0, 6.6, columns=2)
     yields = np.exp(np.linspace(emulator.low[0], emulator.high[0], 200)) * DENSITY
@@ -52,19 +52,19 @@ def slump_chart(out: File, study: Place | None = None) -> Path:
     formulas = reference("A_slump_vs_yield_abrams.csv")
     tau = formulas["tau0_Pa"]
     for (name, (who, (low, high))), style in zip(FORMULAS.items(), ("-", "--", "-.", ":", (0, (1, 3))), strict=True):
-        made_for = (formulas[name] >= low) & (formulas[name] <= high)
-        left.semilogx(tau, np.where(made_for, 0.1 * formulas[name], np.nan), ls=style, label=who, **GREY)
+        valid = (formulas[name] >= low) & (formulas[name] <= high)
+        left.semilogx(tau, np.where(valid, 0.1 * formulas[name], np.nan), ls=style, label=who, **GREY)
     flow = np.where(tau <= 200.0, 0.1 * formulas["SF_Coussot_mm"], np.nan)
     right.semilogx(tau, flow, label="thin layer at rest, Coussot 1996", **GREY)
-    last = reference("A_fe_inertial_slump_summary.csv", model="A", eta_Pa_s=50.0)
-    still = reference("A_fe_slump_abrams_final.csv")
-    for lines, here, x, names, marker, label in (
-        (last, np.char.startswith(last["kind"], "final"), "tau_Pa", ("mean20_mm", "spread_mm"), "o", ELEMENTS[0]),
-        (still, np.char.find(still["run"], "fine") < 0, "tau0_Pa", ("slump_mm", "spread_diam_mm"), "s", ELEMENTS[1]),
+    final = reference("A_fe_inertial_slump_summary.csv", model="A", eta_Pa_s=50.0)
+    static = reference("A_fe_slump_abrams_final.csv")
+    for table, selected, x, names, marker, label in (
+        (final, np.char.startswith(final["kind"], "final"), "tau_Pa", ("mean20_mm", "spread_mm"), "o", ELEMENTS[0]),
+        (static, np.char.find(static["run"], "fine") < 0, "tau0_Pa", ("slump_mm", "spread_diam_mm"), "s", ELEMENTS[1]),
     ):
-        look = {"color": "black", "mfc": "white", "ms": 8, "mew": 1.6, "ls": "none", "label": label}
+        marker_style = {"color": "black", "mfc": "white", "ms": 8, "mew": 1.6, "ls": "none", "label": label}
         for axes, name in zip((left, right), names, strict=True):
-            axes.semilogx(lines[x][here], 0.1 * lines[name][here], marker, **look)
+            axes.semilogx(table[x][selected], 0.1 * table[name][selected], marker, **marker_style)
     left.set(ylabel="slump [cm]", ylim=(0.0, 30.0), title="Slump of the cone, JIS A 1101 / EN 12350-2")
     right.set(ylabel="slump flow [cm]", ylim=(20.0, 75.0), title="Slump flow, EN 12350-8")
     for axes in (left, right):
@@ -75,7 +75,7 @@ def slump_chart(out: File, study: Place | None = None) -> Path:
 
 
 def mixes_chart(rows, out) -> Path:
-    """Slump flow against slump of a laboratory's mixes [cm], each joined with the mix of the model that is nearest."""
+    """Draw slump flow against slump [cm] of a laboratory's mixes, each joined with the nearest mix of the model."""
     figure, axes = _figure(8.0, 6.0)
     for group in groups(rows):
         both, colour = np.array([group["measured"], group["model"]]), group["colour"]
@@ -89,55 +89,55 @@ def mixes_chart(rows, out) -> Path:
 
 
 def curves_chart(found, out) -> Path:
-    """Measured curves (circles) beside those of the constants found, a panel for each measure, and the flow curve with
-    its band of 95 %; ``found``: a CurveFit."""
+    """Draw measured curves (circles) beside those of a CurveFit, a panel for each measure, and the flow curve with its
+    95 % band."""
     names = list(found.missed)
     figure, panels = _figure(4.8 * (len(names) + 1), 4.4, columns=len(names) + 1)
     for axes, name in zip(panels, names, strict=False):
         factor, unit, _ = unit_of_measure(name)
-        for k, each in enumerate(each for each in found.curves if each["measure"] == name):
-            at = each["times"] or [k + 1.0] * len(each["measured"])
-            colour = COLOURS[k % len(COLOURS)] if each["times"] else COLOURS[0]
-            axes.plot(at, factor * np.array(each["measured"], float), "o", color=colour, ms=4, mfc="none")
+        for k, curve in enumerate(curve for curve in found.curves if curve["measure"] == name):
+            x = curve["times"] or [k + 1.0] * len(curve["measured"])
+            colour = COLOURS[k % len(COLOURS)] if curve["times"] else COLOURS[0]
+            axes.plot(x, factor * np.array(curve["measured"], float), "o", color=colour, ms=4, mfc="none")
             axes.plot(
-                at, factor * np.array(each["model"]), "-" if each["times"] else "x", color=colour, label=each["name"]
+                x, factor * np.array(curve["model"]), "-" if curve["times"] else "x", color=colour, label=curve["name"]
             )
-            label = "time of the curve [s]" if each["times"] else "number of the point"
+            label = "time of the curve [s]" if curve["times"] else "number of the point"
         axes.set(xlabel=label, ylabel=title(name) + f" [{unit}]" * bool(unit))
         if len(found.curves) <= len(COLOURS):
             axes.legend(frameon=False, fontsize=8)
-    stress, by = found.flow_curve()
-    panels[-1].fill_between(SHEAR_RATES, stress / by, stress * by, color=COLOURS[0], alpha=0.2, lw=0)
+    stress, factors = found.flow_curve()
+    panels[-1].fill_between(SHEAR_RATES, stress / factors, stress * factors, color=COLOURS[0], alpha=0.2, lw=0)
     panels[-1].loglog(SHEAR_RATES, stress, color=COLOURS[0])
     panels[-1].set(xlabel="shear rate [1/s]", ylabel="shear stress [Pa]", title="Flow curve, band of 95 %")
     return _save(figure, out)
 
 
 def require_chart(borders, rows, wanted, out) -> Path:
-    """Mixes that were run, yield stress against plastic viscosity, those that do and those that do not; the border
-    between them, and lines of equal slump."""
+    """Draw the mixes that were run, those that fill the form and those that do not, as yield stress against plastic
+    viscosity, with the border between them and lines of equal slump."""
     (figure, axes), emulator, density = _figure(8.0, 5.4), emulator_of(), borders[0].density
-    for does, marker, label in ((True, "o", "fills"), (False, "x", "does not")):
-        some = [row for row in rows if fills(row, wanted) is does]
-        x, y = ([row[name] for row in some] for name in ("plastic_viscosity", "yield_value"))
-        axes.plot(x, y, marker, color=COLOURS[0 if does else 1], ms=8, ls="none", label=label)
-    found = [
+    for filled, marker, label in ((True, "o", "fills"), (False, "x", "does not")):
+        selected = [row for row in rows if fills(row, wanted) is filled]
+        x, y = ([row[name] for row in selected] for name in ("plastic_viscosity", "yield_value"))
+        axes.plot(x, y, marker, color=COLOURS[0 if filled else 1], ms=8, ls="none", label=label)
+    border = [
         (b.plastic_viscosity, (b.fills_up_to * b.empty_from) ** 0.5) for b in borders if b.fills_up_to and b.empty_from
     ]
-    axes.plot(*np.array(found).reshape(-1, 2).T, "-", color="black")
+    axes.plot(*np.array(border).reshape(-1, 2).T, "-", color="black")
     etas = [border.plastic_viscosity for border in borders]
     ends = (0.7 * min(etas), 1.4 * max(etas)), (0.8 * wanted.softest, 1.25 * wanted.stiffest)
     axes.set(xscale="log", yscale="log", xlabel="plastic viscosity [Pa s]", ylabel="yield stress [Pa]")
     axes.set(title=f"{rows[0]['scene']}: {wanted.filled:.0%} filled in {wanted.time:g} s", xlim=ends[0], ylim=ends[1])
     for axis, (low, high) in zip((axes.xaxis, axes.yaxis), ends, strict=True):
         set_log_ticks(axis, low, high)
-    shown = [
+    grid = [
         np.unique(np.clip(np.log(np.geomspace(*end, 60) / density), low, high))
         for end, low, high in zip(reversed(ends), emulator.low, emulator.high, strict=True)
     ]
-    if min(map(len, shown)) > 1:
-        yields, viscosities = (density * np.exp(axis) for axis in shown)
-        slump = 100.0 * emulator.at(*shown, grid=True)["slump_m"]
+    if min(map(len, grid)) > 1:
+        yields, viscosities = (density * np.exp(axis) for axis in grid)
+        slump = 100.0 * emulator.at(*grid, grid=True)["slump_m"]
         lines = axes.contour(viscosities, yields, slump, levels=np.arange(2.0, 30.0, 2.0), colors="#b9bfc6")
         axes.clabel(lines, fmt="slump %g cm", fontsize=8)
     axes.legend(frameon=False)
@@ -145,7 +145,7 @@ def require_chart(borders, rows, wanted, out) -> Path:
 
 
 def study_chart(rows, varied, out) -> Path:
-    """Each measure of a study against its first parameter that is a number, a curve for every value of the others.
+    """Draw each measure of a study against its first numeric parameter, a curve for every value of the others.
 
     varied: the names of the parameters that differ between the rows.
     """
@@ -156,19 +156,19 @@ def study_chart(rows, varied, out) -> Path:
         raise SceneError("chart: needs a case that is done, with a measure, and a parameter that is varied by numbers")
     unit = unit_of(catalogue.load(rows[0]["scene"]).parameters.model_fields[numbers[0]])
     x, others = numbers[0], [name for name in varied if name != numbers[0]]
-    known = sorted({row[x] for row in done})
+    values = sorted({row[x] for row in done})
     figure, panels = _figure(4.6 * len(names), 4.4, columns=len(names), squeeze=False)
     for axes, name in zip(panels[0], names, strict=True):
-        factor, shown, _ = unit_of_measure(name)
-        for k, kind in enumerate(dict.fromkeys(tuple(row[other] for other in others) for row in done)):
-            points = [(row[x], row.get(name)) for row in done if tuple(row[other] for other in others) == kind]
+        factor, unit_y, _ = unit_of_measure(name)
+        for k, key in enumerate(dict.fromkeys(tuple(row[other] for other in others) for row in done)):
+            points = [(row[x], row.get(name)) for row in done if tuple(row[other] for other in others) == key]
             points = np.array(sorted(points), float)  # None becomes nan: a gap
-            label = ", ".join(f"{in_words(other)} {said(value, '')}" for other, value in zip(others, kind, strict=True))
+            label = ", ".join(f"{in_words(other)} {said(value, '')}" for other, value in zip(others, key, strict=True))
             axes.plot(points[:, 0], factor * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label)
-        axes.set(xlabel=in_words(x) + f" [{unit}]" * bool(unit), ylabel=title(name) + f" [{shown}]" * bool(shown))
-        if known[0] > 0.0:
+        axes.set(xlabel=in_words(x) + f" [{unit}]" * bool(unit), ylabel=title(name) + f" [{unit_y}]" * bool(unit_y))
+        if values[0] > 0.0:
             axes.set_xscale("log")
-            set_log_ticks(axes.xaxis, known[0], known[-1], known)
+            set_log_ticks(axes.xaxis, values[0], values[-1], values)
     if others:
         panels[0][0].legend(frameon=False, fontsize=9)
     return _save(figure, out)

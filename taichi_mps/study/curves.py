@@ -64,11 +64,11 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
     path = user_path(path)
     rows, where = read_list(path, "curve"), f"curve = {path}: "
     words, units = column_meanings(keywords, measures)
-    held = {column: quantity(column, words, units.get) for column in rows[0] if column}
-    found = [what for what, _ in held.values() if what]
-    duplicate = next((what for what in found if found.count(what) > 1), "")
+    contents = {column: quantity(column, words, units.get) for column in rows[0] if column}
+    found = [field for field, _ in contents.values() if field]
+    duplicate = next((field for field in found if found.count(field) > 1), "")
     require(not duplicate, f"{where}two columns are {duplicate}; must be one")
-    known, others = ", ".join(measures), ", ".join(f"'{name}'" for name, (what, _) in held.items() if not what)
+    known, others = ", ".join(measures), ", ".join(f"'{name}'" for name, (field, _) in contents.items() if not field)
     require(
         set(measures) & set(found),
         f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of {known}",
@@ -76,16 +76,16 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
     runs: dict[tuple, list] = {}
     for number, row in enumerate(rows, 1):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
-        values = {what: parse_cell(row[column], unit, units[what], f"{where}row {number}, {column}")
-                for column, (what, unit) in held.items() if what not in (None, *keywords)}  # fmt: skip
-        settings = {what: f"{row[column]} {unit * without_unit(row[column])}".strip()
-                    for column, (what, unit) in held.items() if what in keywords}  # fmt: skip
+        values = {field: parse_cell(row[column], unit, units[field], f"{where}row {number}, {column}")
+                for column, (field, unit) in contents.items() if field not in (None, *keywords)}  # fmt: skip
+        settings = {field: f"{row[column]} {unit * without_unit(row[column])}".strip()
+                    for column, (field, unit) in contents.items() if field in keywords}  # fmt: skip
         key = (*settings.items(), *([number] if "time" not in found else []))
         runs.setdefault(key, []).append((settings, values))
     curves = []
     for points in runs.values():
         settings, first = points[0]
-        columns = {what: np.array([values[what] for _, values in points]) for what in first}
+        columns = {field: np.array([values[field] for _, values in points]) for field in first}
         times, name = columns.pop("time", np.zeros(0)), ", ".join([path.name, *map(" ".join, settings.items())])
         falls = next((f"{a} s comes {b} s" for a, b in zip(times[:-1], times[1:], strict=True) if not b >= a), "")
         require(not falls, f"curve = {name}: times fall: after {falls}")
@@ -175,7 +175,7 @@ class CurveFit(FittedConstants):
         return " ".join([*sentences, f"The shear stress is known best at {at}, to {error}."])
 
     def facts(self) -> dict:
-        """All results, JSON-ready."""
+        """Return all results, JSON-ready."""
         stress, factor = self.flow_curve()
         flow = {"shear_rate_1_s": SHEAR_RATES, "shear_stress_Pa": stress, "factor": factor}
         facts = {"material": self.material.facts(), "missed": self.missed, "spread": self.spread.tolist()}
