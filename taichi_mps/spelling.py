@@ -182,14 +182,14 @@ def converted(number: Fraction, given: str, unit: str) -> float:
     """A number of the unit ``given`` in another, of the same kind; ValueError, or an error of pint, for one of another
     kind, in each way to read it: ms is m s to some, and what follows a solidus, as in kg/m s, is below it or not."""
     known, given = registry(), canonical(given)
-    ours = known.parse_units(canonical(unit))
+    target = known.parse_units(canonical(unit))
     spelled = given, re.sub(r"\bms\b", "m*s", given)
     for text in (*spelled, *(f"{text})".replace("/", "/(", 1) for text in spelled if "/" in text)):
         found = number * known.parse_units(text)
-        if ours.dimensionality == known.turn_a_minute.dimensionality and found.check("1 / [time]"):
+        if target.dimensionality == known.turn_a_minute.dimensionality and found.check("1 / [time]"):
             found = found * known.turn
-        if found.dimensionality == ours.dimensionality:
-            return float(found.to(ours).magnitude)
+        if found.dimensionality == target.dimensionality:
+            return float(found.to(target).magnitude)
     raise ValueError("of another kind")
 
 

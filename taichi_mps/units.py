@@ -359,24 +359,24 @@ def checked(function):
     taichi_mps.units.SceneError: width is missing [m]; unknown key 'widht', did you mean 'width'?
     """
     require(inspect.isfunction(function), f"function = {said(function, '')}: must be a function of keywords")
-    taken = inspect.signature(function).parameters
-    kinds = {name: p.annotation for name, p in taken.items() if isinstance(p.annotation, type)}
+    arguments = inspect.signature(function).parameters
+    kinds = {name: p.annotation for name, p in arguments.items() if isinstance(p.annotation, type)}
     records = {name: kind for name, kind in kinds.items() if issubclass(kind, Checked)}
     fields = {}
-    for name, parameter in taken.items():
+    for name, parameter in arguments.items():
         new = {name: (parameter.annotation, ... if parameter.default is parameter.empty else parameter.default)}
         if name in records:
             new = options_of(parameter.annotation, parameter.default)
-        if twice := sorted(fields.keys() & new.keys()):
-            raise TypeError(f"{function.__name__}: {twice[0]} is declared twice")
+        if duplicates := sorted(fields.keys() & new.keys()):
+            raise TypeError(f"{function.__name__}: {duplicates[0]} is declared twice")
         fields |= new
 
     def complete(parameters):
         for name, record in records.items():
             own = {key: getattr(parameters, key) for key in record.model_fields if key in fields}
             given = {key: value for key, value in own.items() if key in parameters.model_fields_set}
-            made = record.from_values(given, taken[name].default)
-            others = own if type(made) is type(taken[name].default) else {}  # what the record has not
+            made = record.from_values(given, arguments[name].default)
+            others = own if type(made) is type(arguments[name].default) else {}  # what the record has not
             vars(parameters).update({key: dict(made).get(key, others.get(key)) for key in own})
         return parameters
 
@@ -384,10 +384,10 @@ def checked(function):
     model = create_model(function.__name__, __base__=Checked, __validators__=check, **fields)
 
     def at(parameters, **made):
-        keywords = {name: getattr(parameters, name) for name in taken if name not in records} | made
+        keywords = {name: getattr(parameters, name) for name in arguments if name not in records} | made
         for name, record in records.items():
             values = {key: getattr(parameters, key) for key in record.model_fields if key in fields}
-            keywords.setdefault(name, record.from_values(values, taken[name].default))
+            keywords.setdefault(name, record.from_values(values, arguments[name].default))
         return function(**keywords)
 
     @wraps(function)

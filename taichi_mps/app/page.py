@@ -142,8 +142,8 @@ def verdict(facts: dict) -> str:
     friction = "friction_angle" in facts["mix"]
     if facts["misfit"] > MAX_MISFIT and not friction:
         alone = facts["alone"].get("yield_value", {}).items()
-        said = [f"the {NAMES[name]} alone says {rounded(it[0], 2)} Pa" for name, it in alone if name != RHEOMETER]
-        return f"No mix does all of this{': ' * bool(said)}{', '.join(said)}."
+        statements = [f"the {NAMES[name]} alone says {rounded(it[0], 2)} Pa" for name, it in alone if name != RHEOMETER]
+        return f"No mix does all of this{': ' * bool(statements)}{', '.join(statements)}."
     known_texts, unknown = [], []
     for name, value in facts["mix"].items():
         words, unit, found = in_words(name), CONSTANT_UNITS[name], (facts["friction"] if friction else facts)[name]

@@ -256,13 +256,13 @@ def facts_of(number: int, job: Job) -> dict:
     """Facts of a job for the page."""
     clock = read_json(job.folder.clock) if job.folder and not job.finished else {}
     picture = newest_picture(job.folder) if clock else None
-    said = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
+    message = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
     return {
         "id": number,
         "title": job.title,
         "state": job.state,
         "stopping": job.stopping,
-        "said": said if job.state == "failed" else "",
+        "said": message if job.state == "failed" else "",
         "run": job.folder.path.name if job.folder else None,
         "spent": job.spent,
         "about": job.about,
@@ -290,5 +290,5 @@ def curve(folder: RunFolder) -> dict | None:
         return None
     points = np.stack([history["time_s"], 100.0 * history["slump_m"]], 1)
     points = points[np.isfinite(points[:, 1])]
-    few = points[np.unique(np.linspace(0, len(points) - 1, MAX_POINTS).astype(int))] if len(points) else points
-    return {"name": text_of(folder.path.name), "points": few.tolist()} if len(few) else None
+    sampled = points[np.unique(np.linspace(0, len(points) - 1, MAX_POINTS).astype(int))] if len(points) else points
+    return {"name": text_of(folder.path.name), "points": sampled.tolist()} if len(sampled) else None

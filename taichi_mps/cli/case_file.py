@@ -77,8 +77,8 @@ def command_words(path: Path) -> list[str]:
             section in SECTIONS and isinstance(keys, dict),
             f"case = {path}: unknown section '{section}'{suggestion(section, SECTIONS)}",
         )
-        if twice := sorted(given.keys() & keys.keys()):
-            raise SceneError(f"case = {path}: {twice[0]} is given twice")
+        if duplicates := sorted(given.keys() & keys.keys()):
+            raise SceneError(f"case = {path}: {duplicates[0]} is given twice")
         given |= keys
     known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
     options = []

@@ -67,10 +67,10 @@ def run(argv) -> int:
     if arguments.forecast:
         forecast = describe_run(problem, clock)
         return tell(arguments, {"forecast": forecast}, "\n".join(forecast))
-    usual = Path("renders") / problem.scene.name
-    folder = RunFolder(options.out or (usual if options.overwrite else next_free(usual)))
-    if not options.out and folder.path != usual:
-        print(f"taichi-mps: {plain(usual)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
+    default = Path("renders") / problem.scene.name
+    folder = RunFolder(options.out or (default if options.overwrite else next_free(default)))
+    if not options.out and folder.path != default:
+        print(f"taichi-mps: {plain(default)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
     folder.check(options.overwrite)
     with lock.held(folder.path):
         if not (arguments.json or options.quiet):
@@ -141,10 +141,10 @@ def plot(arguments) -> int:
     from ..viz.plots import slump_curve
 
     if len(folders) == 1 and arguments.out is None:
-        made = draw_curves(folders[0], arguments.verbose)
+        paths = draw_curves(folders[0], arguments.verbose)
     else:
-        made = [str(slump_curve(runs, arguments.out or "slump.png"))]
-    return tell(arguments, {"pictures": made}, "\n".join(made))
+        paths = [str(slump_curve(runs, arguments.out or "slump.png"))]
+    return tell(arguments, {"pictures": paths}, "\n".join(paths))
 
 
 @command(
@@ -169,9 +169,9 @@ def render(arguments) -> int:
     suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-beads" * options.beads
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
     every = Trajectory(folders[0].trajectory).origin()[2]
-    made = redraw(replays, folders[0].path, suffix, options, arguments.film, every)
-    text = f"{made['pictures']} pictures in {made['frames']}, {made.get('film', made['animation'])}"
-    return tell(arguments, made, text)
+    files = redraw(replays, folders[0].path, suffix, options, arguments.film, every)
+    text = f"{files['pictures']} pictures in {files['frames']}, {files.get('film', files['animation'])}"
+    return tell(arguments, files, text)
 
 
 @command(

@@ -101,24 +101,24 @@ def watching(varied, quiet: bool, options, planned, runs=None):
     these names differ: the time in all before it begins, then a line for each case with its own and the time left."""
     if quiet:
         return None
-    local, told, begun, most = options.executor == "local", set(), time.monotonic(), runs or len(planned)
-    workers = min(options.workers or os.cpu_count() or 1, most) if local else 1
-    whole = wall_time(planned, workers, most)
-    how = f"{workers} at a time, about {in_time(whole)} in all" if local else f"{in_time(whole)} of processor time"
-    print(f"taichi-mps: {'at most ' * bool(runs)}{most} runs: {how}", file=sys.stderr, flush=True)
+    local, reported, start, count = options.executor == "local", set(), time.monotonic(), runs or len(planned)
+    workers = min(options.workers or os.cpu_count() or 1, count) if local else 1
+    whole = wall_time(planned, workers, count)
+    duration = f"{workers} at a time, about {in_time(whole)} in all" if local else f"{in_time(whole)} of processor time"
+    print(f"taichi-mps: {'at most ' * bool(runs)}{count} runs: {duration}", file=sys.stderr, flush=True)
 
     def tell(rows, total):
-        known = len(told)
-        for row in (row for row in rows if row["key"] not in told):
-            told.add(row["key"])
+        known = len(reported)
+        for row in (row for row in rows if row["key"] not in reported):
+            reported.add(row["key"])
             words = [
-                f"{len(told)}/{max(total, runs or 0)}",
+                f"{len(reported)}/{max(total, runs or 0)}",
                 *(f"{in_words(name)} {said(row[name], '')}" for name in varied),
             ]
             spent = (row.get("cpu_seconds") or 0.0) + (row.get("compile_seconds") or 0.0)
-            left = whole * max(0.0, 1.0 - len(told) / most)
+            left = whole * max(0.0, 1.0 - len(reported) / count)
             if known:
-                left = math.sqrt(left * (time.monotonic() - begun) / len(told) * max(0, most - len(told)))
+                left = math.sqrt(left * (time.monotonic() - start) / len(reported) * max(0, count - len(reported)))
             text = f"{', '.join(words)}: {outcome(row)}" + f", in {in_time(spent)}" * bool(spent)
             print(plain(f"{text}; about {in_time(left)} left" if left else text), file=sys.stderr, flush=True)
 
@@ -205,11 +205,11 @@ def require_command(argv) -> int:
         "order. What the folder of the study holds is not computed again."
     )
     arguments, function = parsed("require", argv, what, Study, MIX, wanted=Wanted)
-    told, options = given(arguments, Wanted), Study(**given(arguments, Study))
-    wanted = Wanted(**told)
+    given_wanted, options = given(arguments, Wanted), Study(**given(arguments, Study))
+    wanted = Wanted(**given_wanted)
     folder = user_path(options.out or Path("studies") / f"require-{Path(arguments.scene).stem}")
     parameters = given(arguments, function.parameters, leave_out=MIX)
-    if "plastic_viscosity" in told:
+    if "plastic_viscosity" in given_wanted:
         varied_parameters(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
     require_bingham(catalogue.build(arguments.scene, **parameters), parameters)
     like = cases(arguments.scene, until=wanted.time, plastic_viscosity=wanted.plastic_viscosity, **parameters)
@@ -238,13 +238,13 @@ def require_command(argv) -> int:
 )
 def calibrate(arguments) -> int:
     """find the constants of a mix from its tests, or from measured curves"""
-    told, options = given(arguments, Measurements), Lookup(**given(arguments, Lookup))
+    measurements, options = given(arguments, Measurements), Lookup(**given(arguments, Lookup))
     if options.table:
-        return calibrate_table(arguments, options, told)
+        return calibrate_table(arguments, options, measurements)
     for name in ("out", "executor", "workers"):
         value = getattr(options, name)
         require(not value, f"{name} = {value}: belongs to --table; must be left out")
-    result = one_mix.calibrate(**told, study=options.study, check=options.check, lift_speed=options.lift_speed)
+    result = one_mix.calibrate(**measurements, study=options.study, check=options.check, lift_speed=options.lift_speed)
     return tell(arguments, result.facts(), result)
 
 
@@ -263,10 +263,10 @@ def calibrate_scene(argv) -> int:
     require(find_spec("scipy"), "calibrate needs scipy: pip install 'taichi-mps[calibrate]'")
     from ..study.calibrate_curves import calibrate_curves
 
-    told = None if options.quiet or arguments.json else lambda text: print(plain(text), file=sys.stderr, flush=True)
-    name, how = arguments.scene, (options.executor, options.workers, options.check)
+    report = None if options.quiet or arguments.json else lambda text: print(plain(text), file=sys.stderr, flush=True)
+    name, execution = arguments.scene, (options.executor, options.workers, options.check)
     folder = user_path(options.out or Path("studies") / f"calibrate-{Path(name).stem}")
-    found = calibrate_curves(name, options.curve, options.free, folder, *how, told, **settings)
+    found = calibrate_curves(name, options.curve, options.free, folder, *execution, report, **settings)
     case = catalogue.build(name, **settings | found.curves[0]["settings"] | found.values)
     write_whole(folder / "case.toml", case_file.case_text(catalogue.source(name), Problem(case), {}))
     write_whole(folder / "calibration.json", json.dumps(strict(found.facts()), indent=1))
@@ -278,7 +278,7 @@ def calibrate_scene(argv) -> int:
     return DONE
 
 
-def calibrate_table(arguments, options: Lookup, told: dict) -> int:
+def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     """Calibrate each mix of a laboratory's list."""
     from ..study import mixes
 
@@ -291,20 +291,20 @@ def calibrate_table(arguments, options: Lookup, told: dict) -> int:
     require(
         not options.lift_speed, f"lift_speed = {options.lift_speed} m/s: is for one mix; must be left out of --table"
     )
-    require(not told, f"{next(iter(told), '')}: stands in the table's own columns; must be left out")
+    require(not measurements, f"{next(iter(measurements), '')}: stands in the table's own columns; must be left out")
     require(not out.exists(), f"out = {out}: is there already; must be a new file, it is not overwritten")
     rows = mixes.read_list(path)
     if others := mixes.unused(rows):
         print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)
 
-    begun = time.monotonic()
+    start = time.monotonic()
     workers = (options.workers or os.cpu_count() or 1) if options.executor == "local" else 1
     about = in_time(mixes.SECONDS_PER_MIX * len(rows) / min(workers, len(rows)))
     print(f"taichi-mps: {len(rows)} mixes: about {about} in all", file=sys.stderr, flush=True)
 
     def watch(row, number):
         if sys.stderr.isatty():
-            left = in_time((time.monotonic() - begun) / number * (len(rows) - number))
+            left = in_time((time.monotonic() - start) / number * (len(rows) - number))
             text = f"{number} of {len(rows)} mixes, {left} left: {next(iter(row.values()))}: {row['verdict']}"
             print(f"\r{plain(text)[:100]:100}", end="\n" * (number == len(rows)), file=sys.stderr, flush=True)
 

@@ -207,11 +207,9 @@ def errors_for_mix(rows: list[Measured], mix: Mix | None) -> tuple[Measured | No
     interpolated, or of the nearest mix if none surround it; without a mix, the largest errors and the mean cost of all
     mixes of 50 Pa s."""
     if mix is None:
-        usual = [
-            row for row in rows if math.isclose(row.viscosity_number, REFERENCE_MIX.viscosity_number, rel_tol=1e-3)
-        ]
-        worst = {key: max(getattr(row, key) for row in usual) for key in ("slump", "reach", "volume")}
-        return weighted_mean(usual, np.full(len(usual), 1.0 / len(usual)))._replace(**worst), f"100 to {REFERENCE_MIX}"
+        rows = [row for row in rows if math.isclose(row.viscosity_number, REFERENCE_MIX.viscosity_number, rel_tol=1e-3)]
+        largest = {key: max(getattr(row, key) for row in rows) for key in ("slump", "reach", "volume")}
+        return weighted_mean(rows, np.full(len(rows), 1.0 / len(rows)))._replace(**largest), f"100 to {REFERENCE_MIX}"
     if between := interpolate_in_mixes(rows, mix):
         return between, "mixes beside this one"
     known = nearest(mix)

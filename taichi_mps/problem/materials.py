@@ -625,8 +625,8 @@ def numbers_of_all_laws() -> dict:
     for law in LAWS:
         hints, whose = get_type_hints(law, include_extras=True), f" ({law.__name__})" * (law is not LAWS[0])
         for name, field in numbers_of(law).items():
-            usual = Field(None if name in law.viscous else field.default, description=f"{field.description}{whose}")
-            fields.setdefault(name, (hints[name] if name in COMMON_NUMBERS else hints[name] | None, usual))
+            default = Field(None if name in law.viscous else field.default, description=f"{field.description}{whose}")
+            fields.setdefault(name, (hints[name] if name in COMMON_NUMBERS else hints[name] | None, default))
     return fields
 
 
@@ -698,11 +698,11 @@ def law_of(numbers: dict, usual: Material) -> Material:
     given = {name: value for name, value in numbers.items() if value is not None}
     for name, value in given.items():
         require(not isinstance(value, np.ndarray | bool), f"{name} = {said(value, '')}: must be a number")
-    meant = [name for name, value in given.items() if chooses_law(name, value)]
-    law = max((type(usual), *LAWS), key=lambda law: sum(name in (*numbers_of(law), *law.viscous) for name in meant))
+    choosing = [name for name, value in given.items() if chooses_law(name, value)]
+    law = max((type(usual), *LAWS), key=lambda law: sum(name in (*numbers_of(law), *law.viscous) for name in choosing))
     known = numbers_of(law)
-    by = " and ".join(name for name in meant if name in known and name not in COMMON_NUMBERS)
-    for name in (name for name in meant if name in NUMBERS and name not in known):
+    by = " and ".join(name for name in choosing if name in known and name not in COMMON_NUMBERS)
+    for name in (name for name in choosing if name in NUMBERS and name not in known):
         key = f"{name} = {said(given[name], unit_of(Concrete.model_fields[name]))}"
         require(name in law.viscous, f"{key}: the law {law.__name__}, by {by}, has no such number; must be left out")
         require(law.viscous[0] not in given, f"{key}: stands for {law.viscous[0]}, which is given; must be left out")

@@ -291,10 +291,10 @@ def mirrored(s: InstanceOf[Snapshot], point: vector("m"), normal: vector("")) ->
     [[0.25, 0.5], [-0.25, 0.5]]
     """
     require_axes(s, vertical=1, point=point, normal=normal)
-    twice = {name: np.tile(getattr(s, name), 2) for name in SCALARS}
-    twice |= {name: np.vstack([x, reflected(x, normal, point)]) for name, x in (("x", s.x), ("wall_x", s.wall_x))}
+    doubled = {name: np.tile(getattr(s, name), 2) for name in SCALARS}
+    doubled |= {name: np.vstack([x, reflected(x, normal, point)]) for name, x in (("x", s.x), ("wall_x", s.wall_x))}
     loads = {name: load.mirrored(point, normal) for name, load in s.loads.items()}
-    return replace(s, u=np.vstack([s.u, reflected(s.u, normal)]), loads=loads, **twice)
+    return replace(s, u=np.vstack([s.u, reflected(s.u, normal)]), loads=loads, **doubled)
 
 
 def require_axes(s: Snapshot, vertical=0, **places):
@@ -619,8 +619,8 @@ def front(s: InstanceOf[Snapshot]) -> dict[str, float]:
     """
     rows = round(float(np.ptp(s.x[:, 1])) / s.spacing) + 1 if s.x.shape[1] == 3 else 1
     foremost = s.x[np.argsort(-s.x[:, 0], kind="stable")[: 8 * rows]]
-    apart = np.linalg.norm(foremost[:, None] - foremost, axis=2) + 9.0 * s.spacing * np.eye(len(foremost))
-    near = apart.min(axis=0) < 2.0 * s.spacing
+    distances = np.linalg.norm(foremost[:, None] - foremost, axis=2) + 9.0 * s.spacing * np.eye(len(foremost))
+    near = distances.min(axis=0) < 2.0 * s.spacing
     body = foremost[near | ~near.any(), 0][: 4 * rows]
     return {
         "front_m": float(body.mean() + np.sqrt(3.0 * (body.var() + s.spacing**2 / 12.0))),

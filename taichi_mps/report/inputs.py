@@ -39,7 +39,7 @@ def shown(value, unit: str) -> str:
 def command(source: str, summary: dict, every: float | None = None) -> str:
     """Command line, after ``taichi-mps``, that repeats a run, without options at their defaults. ``every``: interval of
     the outputs [s], at which steps end, too, if it is not the usual one. A scene file is named without its folder."""
-    usual = {
+    defaults = {
         **{key: field.default for key, field in fields_of(source).items()},
         **NUMERICS[summary["scheme"]]().model_dump(),
         **DEFAULT_BACKEND,
@@ -55,7 +55,7 @@ def command(source: str, summary: dict, every: float | None = None) -> str:
         options["until"] = float(f"{summary['simulated_seconds']:.9g}")
     given = {key: value for key, value in options.items() if value not in (None, "") and key not in OMITTED}
     words = [option(key, value, options) for key, value in given.items()
-            if (value != usual[key] if key in usual else value is not False)]  # fmt: skip
+            if (value != defaults[key] if key in defaults else value is not False)]  # fmt: skip
     return shlex.join(["run", source if source in catalogue.names() else Path(source).name, *words])
 
 

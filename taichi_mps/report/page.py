@@ -122,8 +122,8 @@ def repeat_command(run) -> str:
     """Command line that repeats a finished run, with the options that the user gave."""
     every = run.every
     with suppress(SceneError):  # of a scene that the scheme computes with other settings alone
-        usual = Problem(run.scene, NUMERICS[run.summary["scheme"]]()).usual_interval
-        every = None if abs(every / usual - 1.0) < 1e-9 else every
+        default = Problem(run.scene, NUMERICS[run.summary["scheme"]]()).usual_interval
+        every = None if abs(every / default - 1.0) < 1e-9 else every
     return inputs.command(run.source, run.summary, every)
 
 

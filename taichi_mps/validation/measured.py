@@ -31,9 +31,9 @@ def tests() -> dict[tuple[str, float, float], tuple[np.ndarray, np.ndarray]]:
 def flow_curve(fluid: str, low=RATES[0], high=RATES[1]) -> tuple[np.ndarray, np.ndarray]:
     """Shear rates [1/s] and stresses [Pa] of the rheometer between two rates."""
     known = columns(CURVES)
-    here = np.char.startswith(known["sample"], FLUIDS[fluid][0])
-    here &= (known["shear_rate_1_s"] >= low) & (known["shear_rate_1_s"] <= high)
-    return known["shear_rate_1_s"][here], known["shear_stress_pa"][here]
+    selected = np.char.startswith(known["sample"], FLUIDS[fluid][0])
+    selected &= (known["shear_rate_1_s"] >= low) & (known["shear_rate_1_s"] <= high)
+    return known["shear_rate_1_s"][selected], known["shear_stress_pa"][selected]
 
 
 def herschel_bulkley(rate, stress) -> dict[str, float]:
@@ -63,26 +63,26 @@ def offset(courses: dict) -> float:
     nearest to the measured ones of the first EARLY frames, by squares over the last measured front."""
     known = tests()
 
-    def misfit(late):
-        apart = [np.interp(known[key][0] + late, *course) - known[key][1] for key, course in courses.items()]
-        return sum(np.sum((each[:EARLY] / known[key][1][-1]) ** 2) for key, each in zip(courses, apart, strict=True))
+    def misfit(shift):
+        errors = [np.interp(known[key][0] + shift, *course) - known[key][1] for key, course in courses.items()]
+        return sum(np.sum((each[:EARLY] / known[key][1][-1]) ** 2) for key, each in zip(courses, errors, strict=True))
 
     return float(min(OFFSETS, key=misfit))
 
 
-def front_errors(courses: dict, late: float, at: float = LAST) -> dict:
+def front_errors(courses: dict, shift: float, at: float = LAST) -> dict:
     """Computed less measured front [m] at a time [s] of the film, by test."""
     known = tests()
-    return {key: float(np.interp(at + late, *course) - np.interp(at, *known[key])) for key, course in courses.items()}
+    return {key: float(np.interp(at + shift, *course) - np.interp(at, *known[key])) for key, course in courses.items()}
 
 
 def dam_breaks(spacing: float):
     """Errors of the front after 1/3 s beside the measured one: mean of all tests, and each beside 8 % or 2 mm."""
     courses = {key: course(**keywords(*key, spacing))[1:] for key in tests()}
-    late, last = offset(courses), {key: fronts[-1] for key, (_, fronts) in tests().items()}
-    apart = {key: 100.0 * error / last[key] for key, error in front_errors(courses, late).items()}
-    yield Measured(f"front, mean size of {len(apart)} errors", float(np.mean(np.abs(list(apart.values())))), 5.0, "%")
-    for key, error in apart.items():
+    shift, last = offset(courses), {key: fronts[-1] for key, (_, fronts) in tests().items()}
+    errors = {key: 100.0 * error / last[key] for key, error in front_errors(courses, shift).items()}
+    yield Measured(f"front, mean size of {len(errors)} errors", float(np.mean(np.abs(list(errors.values())))), 5.0, "%")
+    for key, error in errors.items():
         fluid, width, height = key
         what = f"{fluid.removesuffix(' 2023')}, {1e3 * width:.0f} x {1e3 * height:.0f} mm"
         yield Measured(what, error, max(8.0, 0.2 / last[key]), "%")

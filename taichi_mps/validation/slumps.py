@@ -98,8 +98,8 @@ def collapse(tau_y, spacing=0.01, slump_target=5.0, model="full", until=5.0, pi_
         Measured(f"slump flow {last}", percent(found[-1, 1], np.interp(until, times, spread)), 3.0, "%"),
     ]
     if pi_c is None:
-        away = shape_error(scene.unfold(sim.snapshot()), final_shape(tau_y))
-        numbers.append(Measured(f"surface {last}", 1e3 * away, 1e3 * spacing, "mm"))
+        error = shape_error(scene.unfold(sim.snapshot()), final_shape(tau_y))
+        numbers.append(Measured(f"surface {last}", 1e3 * error, 1e3 * spacing, "mm"))
     return [
         *numbers,
         Measured("volume at all times", 100.0 * sim.report.volume_error_max, 1.0, "%"),

@@ -136,13 +136,13 @@ def cells_of(result: dict | None, other: dict | None):
     chosen = CHOSEN_ON.get(row.get("row"))
     first = [row["case"] + (f" (calibration: `{'`, `'.join(chosen)}`)" if chosen else ""), row["reference"]]
     seconds = [f"{each['cpu_seconds']:.0f}" if each else "" for each in (result, other)]
-    for mine, their in zip_longest(lines_of(result), lines_of(other)):
-        cells, beside = mine or (their[0], "-", their[2], "-"), ""
-        if their:
-            quantity, value, _, verdict = their
+    for line, other_line in zip_longest(lines_of(result), lines_of(other)):
+        cells, other_value = line or (other_line[0], "-", other_line[2], "-"), ""
+        if other_line:
+            quantity, value, _, verdict = other_line
             named = f" ({quantity})" * (cells[0] not in ("-", quantity))
-            beside = f"{value}{named}, {verdict}" if value != "-" else other["error"].split(":")[0]
-        yield [*first, *cells, seconds[0], beside, seconds[1]]
+            other_value = f"{value}{named}, {verdict}" if value != "-" else other["error"].split(":")[0]
+        yield [*first, *cells, seconds[0], other_value, seconds[1]]
         first = seconds = ["", ""]
 
 
