@@ -19,7 +19,7 @@ from ..problem.numerics import NUMERICS
 from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, require, said, suggestion, unit_of
 
 EVERY_HELP = (
-    "time between pictures, by default a hundredth of the time limit, and of what comes to rest at most 0.3 sqrt(H/g)"
+    "time between pictures, by default a hundredth of the time limit, and of what falls to rest at most 0.3 sqrt(H/g)"
 )
 EXAMPLES = {
     "run": "run slump --yield-stress 500 --accuracy 5mm",

@@ -190,7 +190,7 @@ class Problem:
     def usual_interval(self) -> float:
         """Interval of the outputs of a run [s], of the nearest of 1, 2, 5 times a power of ten."""
         scene = self.scene
-        once = scene.stop_at_rest and not scene.jolts
+        once = scene.stop_at_rest and not (scene.jolts or scene.inlets)
         longest = OUTPUT_INTERVAL * self.fall_time if once else scene.until
         interval = min(scene.until / 100.0, longest)
         power = 10.0 ** np.floor(np.log10(interval))
