@@ -1,5 +1,6 @@
 """Base class of the schemes: particles, neighbours and walls of a problem."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ class Speeds:
     speed: float  # largest, walls and jets included [m/s]
     acceleration: float  # root mean square, of the last step [m/s2]; infinite before the first
     decay: float = 0.0  # time in which what moves last fell to 1/e of its speed [s]; 0 where it has not fallen
+    since: float = math.inf  # time since the start [s]
 
 
 class Scheme:

@@ -181,7 +181,7 @@ class Simulation:
         speed = max(speed, self.problem.wall_speed_at(self.time), jet + float(np.linalg.norm(frame)) * (jet > 0.0))
         if self.scene.jolts_at(self.time):
             speed += self.scene.jolted(self.particles.read()["x"], self.time)
-        limits = self.scheme.time_step_limits(Speeds(speed, acceleration, self.rest.fold))
+        limits = self.scheme.time_step_limits(Speeds(speed, acceleration, self.rest.fold, self.time))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
         return limits

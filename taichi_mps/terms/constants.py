@@ -40,7 +40,9 @@ VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its visco
 PENALTY = 6.0, 64.0, 0.5
 
 LONG = 2.0  # a quiet flow takes steps as long as this many of the scene's own
-CREEP = 0.1  # a decaying flow may take steps of this fraction of its decay time, in which its speed falls to 1/e
+# A decaying flow may take steps of this fraction of its decay time, in which its speed falls to 1/e, and a flow that
+# starts steps of this fraction of the time so far: backward Euler then resolves the diffusion from the walls
+CREEP = 0.1
 # Where a yielding fluid falls, solves before the last end at this part of their residual: the new stress adds as much
 EARLY_MAX_REDUCTION = 0.1
 QUIET = 0.005  # a flow is quiet where its change of velocity moves particles by less than this part of l0 in a step
@@ -109,6 +111,8 @@ class Constants:
         self.max_time_step = min(longest, self.limit)  # of a flow that is not quiet [s]
         self.quiet_step = quiet if falls else longest  # longest step of a quiet flow [s]
         self.creeps = yields  # whether a decaying flow takes longer steps
+        # T [s], in which viscosity, the largest of the mixes, carries a motion through the body
+        self.viscous_time = min(m.density / m.typical_slope for m in materials) * height**2
         # limits of a quiet flow and of one at rest: change of the velocity times the step [m], velocity [m/s]
         self.quiet, self.still = QUIET * scene.spacing, STILL * head**0.5
         self.rate = head**0.5 / height  # scale of the residuals of the outer iterations [1/s]
@@ -144,11 +148,14 @@ class Constants:
 
     def longest_at(self, speeds) -> float:
         """Longest step [s] at these ``Speeds``: max_time_step, or in a quiet flow sqrt(QUIET l0/acceleration), at most
-        quiet_step or, in a decaying flow, CREEP times its decay time; never above the given limit."""
+        quiet_step or, in a decaying flow, CREEP times its decay time. Until viscous_time at most CREEP times the
+        time so far, or CREEP viscous_time where that is more; never above the given limit."""
         longest = self.max_time_step
         if speeds.acceleration * longest**2 < self.quiet and speeds.speed > self.still:
             most = max(self.quiet_step, CREEP * speeds.decay * self.creeps)
             longest = max(longest, min(most, math.sqrt(self.quiet / max(speeds.acceleration, 1e-30))))
+        if speeds.since < self.viscous_time:
+            longest = min(longest, CREEP * max(speeds.since, CREEP * self.viscous_time))
         return min(longest, self.limit)
 
     def deferred_fraction(self, dt: float) -> float:

@@ -10,7 +10,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.simulation.reuse import begin
-from taichi_mps.validation import flows
+from taichi_mps.validation import columns, flows
 
 DENSITY, DEPTH = 2300.0, 0.1
 WEIGHT = DENSITY * 9.81 * np.sin(np.radians(10.0))  # of the film along its slope [N/m3]
@@ -72,3 +72,18 @@ def test_film_stands_below_its_yield_value_and_flows_above():
     assert stands.snapshot().speed.max() <= 1e-6
     s = film(20, 2.0, yield_value=0.5 * WEIGHT * DEPTH, plastic_viscosity=100.0).snapshot()
     assert flows.l2(s.u[:, 0], flows.profile(s.x[:, 1], WEIGHT, 100.0, 0.5 * WEIGHT * DEPTH)) <= 0.02
+
+
+@pytest.mark.parametrize(("bn", "pressure"), [(0.0, 3.0), (1.0, 4.0), (1.0, 2.0)])
+@pytest.mark.parametrize("viscosity", [50.0, 400.0])
+def test_film_starts_as_fast_as_it_should(bn, pressure, viscosity):
+    """Mean speed within 3 % of the reference from a tenth of T = rho H^2/eta on; the usual step is 0.02 to 1.5 T."""
+    time, found = DENSITY * DEPTH**2 / viscosity, []
+    law = {"yield_value": bn / pressure * WEIGHT * DEPTH, "plastic_viscosity": viscosity}
+    sim = begin(catalogue.build("film", spacing=DEPTH / 20, **law))
+    sim.each_step(lambda sim: found.append((sim.time / time, sim.snapshot().u[:, 0].mean())))
+    sim.run(until=1.5 * time)
+    known = columns("B_startup_poiseuille.csv", Bn=bn, G=pressure)
+    times, speeds = np.transpose([row for row in found if row[0] > 0.099])
+    exact = WEIGHT * DEPTH**2 / (pressure * viscosity) * np.interp(times, known["t"], known["Q_half"])
+    assert times[0] < 0.11 and np.abs(speeds / exact - 1.0).max() <= 0.03
