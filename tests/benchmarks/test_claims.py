@@ -144,6 +144,7 @@ def test_results_of_other_numerics_or_without_a_head_are_listed(results):
     (results / "elements.md").write_text("Made so (fingerprint none).")
     (results / "drawn.md").write_text(provenance.origin([{}]))
     assert claims.of_other_numerics("c0ffee") == ["cases.json", "headless.json", "headless.md", "points.json"]
+    assert claims.of_other_numerics("c0ffee", "other") == ["cases.json", "headless.json", "headless.md"]
 
 
 @pytest.mark.parametrize(("heads", "text"), [
