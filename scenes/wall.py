@@ -192,7 +192,7 @@ def cast(material, form, bars, opening, reach, spacing, fill_point, hose_diamete
 
     def measure(s):
         """Return the largest horizontal distance [m] of the concrete from the hose."""
-        return {"front_m": float(np.hypot(s.x[:, 0] - x, s.x[:, 1] - y).max() + 0.5 * s.spacing)}
+        return {"hose_distance_m": float(np.hypot(s.x[:, 0] - x, s.x[:, 1] - y).max() + 0.5 * s.spacing)}
 
     def check(s, measures):
         """Check that the poured concrete is in the form, in no bar, and complete."""

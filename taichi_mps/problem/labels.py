@@ -53,6 +53,7 @@ RESULTS = {  # key: (name, what it is)
     "flow_ratio": ("flow", "growth of the diameter over that of the mould, ASTM C1437"),
     "flow_class_ratio": ("flow class F", "1 to 6 of EN 206, by the flow after the last jolt to 10 mm"),
     "front_m": ("front", "farthest reach of the concrete, from the end of the vessel"),
+    "hose_distance_m": ("distance from the hose", "largest horizontal distance of the concrete from the hose"),
     "height_m": ("height", "highest point of the fluid"),
     "breadth_m": ("breadth", "of the fluid across the flow, seen from above"),
     "flow_m": ("flow", "distance of the front from the gate"),
