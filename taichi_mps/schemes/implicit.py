@@ -130,7 +130,7 @@ class Implicit(Scheme):
     def step(self, dt: float, is_read: bool = False):
         """Take a step of dt [s], whose result is read or not (``is_read``)."""
         u, first = self.velocity.velocity, int(self.first)
-        iterations, viscous = FIRST_ITERATIONS if first else self.numerics.passes, first * self.viscous_iterations
+        iterations, viscous = max(first * FIRST_ITERATIONS, self.numerics.passes), first * self.viscous_iterations
         self.constants.set_time_step(dt)
         self.walls.move_to_middle(dt)
         self.motion.drift(dt)
