@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field, ValidationInfo
 
 import taichi_mps as mps
 from taichi_mps.problem.tool_path import read_gcode, straight_runs
@@ -25,6 +25,11 @@ TURN = np.radians(10.0)  # by which a bead may bend that a mouth lays without tu
 MORTARS = {"uf-1": (2411.0, 19.0), "uf-2": (3350.0, 16.65), "uf-9": (786.0, 36.9), "uf-10": (398.0, 34.0)}
 USUAL = mps.Bingham(yield_value=2000.0, plastic_viscosity=50.0)
 THRESHOLD = {"section": 2.0, "path": 2.0, "column": 3.0**0.5}  # rho g H/tau_y at which what is slender fails
+
+
+def model_of(model: str, given: ValidationInfo) -> str:
+    """Model of a wall: that of a tool path where there is one."""
+    return "gcode" if given.data.get("gcode") else model
 
 
 @mps.checked
@@ -50,7 +55,9 @@ def scene(
     print_rate: Annotated[FlowRate | None, Field(description="what the nozzle delivers, in place of E")] = None,
     filament_diameter: Annotated[Length | None, Field(description="of the filament whose length E is")] = None,
     until: Duration | None = None,
-    model: Literal["section", "column", "path", "gcode"] = "section",
+    model: Annotated[Literal["section", "column", "path", "gcode"], AfterValidator(model_of)] = Field(
+        "section", validate_default=True
+    ),
 ) -> mps.Scene:
     """``section``: half of that through a long wall, printed over its whole width by a nozzle that rises with it.
     ``column``: a quarter of a round one, likewise. ``path``: half of a wall along which a nozzle as wide and high as a
@@ -61,8 +68,7 @@ def scene(
         at_rest, viscosity = MORTARS[mortar]
         material = mps.Bingham(yield_value=at_rest, plastic_viscosity=viscosity, density=material.density)
     if gcode:
-        laid = along(read_gcode(gcode, print_rate, filament_diameter), material, spacing, floor, until)
-        return replace(laid, parameters={"model": "gcode"})
+        return along(read_gcode(gcode, print_rate, filament_diameter), material, spacing, floor, until)
     if model == "gcode":
         raise mps.SceneError("model = gcode: must have a tool path, gcode")
     rise, high, half = layer_height / layer_time, layers * layer_height, 0.5 * width

@@ -166,7 +166,7 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -
     Returns
     -------
     Scene
-        Scene with every keyword in ``parameters``, as given or as its function gave it there.
+        Scene with every keyword in ``parameters``.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -
         return build(name, material, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     numbers = dict.fromkeys(Concrete.model_fields) | dict(material) if material else {}
     mix_numbers = {name: value for name, value in numbers.items() if name in Concrete.model_fields}
-    return replace(scene, parameters=valid.model_dump(mode="json") | mix_numbers | scene.parameters)
+    return replace(scene, parameters=valid.model_dump(mode="json") | mix_numbers)
 
 
 def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:

@@ -2,6 +2,7 @@
 (test_methods.py) only that they exist and describe themselves."""
 
 import ast
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,14 @@ def ran(request):
 
 def test_every_scene_is_tested():
     assert set(COARSE) | METHODS | POURED == set(catalogue.names())
+
+
+@pytest.mark.parametrize("name", catalogue.names())
+def test_a_scene_is_made_again_from_its_parameters(name):
+    """As resume, render and report make it from what a run folder says, also where a scene takes over another."""
+    made = catalogue.build(name)
+    again = catalogue.rebuild(name, json.loads(json.dumps(made.parameters)))
+    assert again.parameters == made.parameters and np.array_equal(again.expected.fluid, made.expected.fluid)
 
 
 def test_scene_passes_its_check(ran):
