@@ -53,15 +53,15 @@ def smooth_surface(s: Snapshot, cube: float = SURFACE_CELL, fields=FIELDS) -> tu
         compute_normals=True,
         normals_smoothing_iters=None if exact else MESH_SMOOTHING,
     )
-    at = {name: np.asarray(values, float) for name, values in made.point_attributes.items()}
+    # zero at a point that no particle reaches, and a point that belongs to triangles without area has no normal
+    at = {name: np.nan_to_num(np.asarray(values, float)) for name, values in made.point_attributes.items()}
     points = np.asarray(made.mesh.vertices, float)
     zero = np.zeros(len(points))
     whole = {name: at.get(name, 0.0 * points if name == "u" else zero) for name in FIELDS}
     whole["yielded"] = whole["yielded"] > 0.5
     whole["mix"] = np.argmax([at[f"mix {k}"] for k in mixes], axis=0) if len(mixes) else zero.astype(int)
     vertices = replace(s, x=points, size=zero + s.spacing, **whole)
-    # a point that belongs to triangles without area has no normal
-    return vertices, np.nan_to_num(at["normals"]), np.asarray(made.mesh.triangles).astype(np.int64)
+    return vertices, at["normals"], np.asarray(made.mesh.triangles).astype(np.int64)
 
 
 def surface_of(scene, part: Snapshot, cube: float, fields) -> tuple[Snapshot, np.ndarray, np.ndarray]:

@@ -1,8 +1,10 @@
 """Contents of a picture: the body of revolution, the mould at 0 s, glass walls, and dimensions at their places."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pysplashsurf
 import pytest
 from PIL import Image
 
@@ -10,7 +12,7 @@ import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
 from taichi_mps.viz import overlay
-from taichi_mps.viz.body import contour, profile, surface_of
+from taichi_mps.viz.body import contour, profile, smooth_surface, surface_of
 from taichi_mps.viz.render import Renderer
 from taichi_mps.viz.view_volume import dimensions, view_volume
 
@@ -33,6 +35,22 @@ def test_rings_of_a_cylinder_have_its_outline(spacing):
     np.testing.assert_allclose(top[:, 1], 0.2, atol=0.05 * spacing)
     np.testing.assert_allclose(normals[points[:, 1] < 0.1], [(1.0, 0.0)] * np.sum(points[:, 1] < 0.1), atol=0.05)
     assert points[:, 1].min() == 0.0 and points[:, 0].min() == 0.0 and len(parts) == len(points) - 1
+
+
+def test_a_point_that_no_particle_reaches_has_finite_fields(monkeypatch):
+    """Between drops the surface has a point now and then at which nothing can be interpolated."""
+    made = pysplashsurf.reconstruction_pipeline
+
+    def gaps(*positions, **options):
+        whole, grid = made(*positions, **options)
+        given = {name: np.array(values) for name, values in whole.point_attributes.items()}
+        for values in given.values():
+            values[0] = np.nan
+        return SimpleNamespace(mesh=whole.mesh, point_attributes=given), grid
+
+    monkeypatch.setattr(pysplashsurf, "reconstruction_pipeline", gaps)
+    s, normals, _ = smooth_surface(still(mps.fill(mps.Cone(0.1, 0.1, 0.1), 0.02), 0.02))
+    assert all(np.isfinite(values).all() for values in (s.u, s.shear_rate, s.p, normals))
 
 
 def test_a_ring_alone_is_drawn_and_nothing_is_below_the_floor():
