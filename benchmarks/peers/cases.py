@@ -40,13 +40,14 @@ class Case:
 
     name: str
     title: str
-    kind: str  # slump or dam
+    kind: str  # slump, lifted or dam
     spacing: float  # [m]
     runs: tuple[Run, ...]
     yield_value: float = 0.0  # [Pa]
     model: str = "full"
     until: float = 1.0  # [s]
     stop_at_rest: bool = False  # of this engine; the peers do not know when they are at rest
+    lift_speed: float | None = None  # of the mould [m/s]
 
     @property
     def times(self) -> tuple[float, ...]:
@@ -57,7 +58,7 @@ class Case:
         """The engine's scene of this case."""
         if self.kind == "dam":
             return catalogue.build("dam_break", spacing=self.spacing, until=self.until)
-        mix = MIX | {"yield_value": self.yield_value, "model": self.model}
+        mix = MIX | {"yield_value": self.yield_value, "model": self.model, "lift_speed": self.lift_speed}
         return catalogue.build("slump", spacing=self.spacing, until=self.until, **mix)
 
     def data(self, run: Run, seed: int = 0) -> dict:
@@ -74,6 +75,7 @@ class Case:
         return common | {
             **MIX,
             **CONE,
+            "lift_speed": self.lift_speed,
             "yield_value": self.yield_value,
             "times": self.times,
             "volume": cone.volume,
@@ -110,6 +112,13 @@ def slump(yield_value: float, spacing: float, *runs: Run, model: str = "full", t
     runs = (OURS, *runs) if to_rest else (OURS, LONG_STEPS, *runs)
     until = 5.0 if to_rest else 1.0
     return Case(name, title, "slump", spacing, runs, yield_value, model, until, to_rest)
+
+
+def lifted(yield_value: float, spacing: float, speed: float | None) -> Case:
+    """A slump whose mould is lifted, or gone at once, to 2 s after that."""
+    until = 2.0 + (CONE["height"] / speed if speed else 0.0)
+    given = {"yield_value": yield_value, "until": until, "lift_speed": speed}
+    return Case("lifted", "lifted mould", "lifted", spacing, (newton(1.5, dt=0.01),), **given)
 
 
 CASES = (
@@ -178,6 +187,12 @@ def front_of(x: np.ndarray, spacing: float) -> float:
     return float(along[gaps[0] if len(gaps) else -1] + 0.5 * spacing)
 
 
+def judge_lifted(case: Case, output: dict) -> dict:
+    """Slump and slump flow at the end [m]."""
+    slump, spread = (float(values[-1]) for values in slumps_of(output, case.spacing))
+    return {"slump_m": slump, "spread_m": spread}
+
+
 def judge_dam(case: Case, output: dict) -> dict:
     """Largest relative error of the front for the gate's best delay (at most 0.3 sqrt(a/2g)), and without any delay."""
     error, delay, _ = front_errors(output["t"], [front_of(x, case.spacing) for x in output["x"]])
@@ -185,4 +200,4 @@ def judge_dam(case: Case, output: dict) -> dict:
 
 
 def judge(case: Case, output: dict) -> dict:
-    return {"slump": judge_slump, "dam": judge_dam}[case.kind](case, output)
+    return {"slump": judge_slump, "lifted": judge_lifted, "dam": judge_dam}[case.kind](case, output)

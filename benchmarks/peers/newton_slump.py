@@ -7,7 +7,8 @@ spacings. True yield stress: in Newton's orthogonal map of symmetric tensors the
 sqrt(s:s/2) and that of a rate sqrt(2 D:D), so that its yield_stress and viscosity are tau_y and eta. friction is 0 (the
 default, 0.5, is that of sand), tensile_yield_ratio 1 (no tearing, as in its viscous example), air_drag stays at its
 default of 1, tolerance 1e-4 and at most 250 iterations.
-The floor holds: friction 1e4, adhesion 1e6 Pa.
+The floor holds: friction 1e4, adhesion 1e6 Pa. A case with a ``lift_speed`` has the cone in a shell that is lifted from
+t = 0 on with its speed [m/s]: a mesh that moves, without friction and adhesion.
 """
 
 import json
@@ -18,6 +19,19 @@ from pathlib import Path
 import numpy as np
 
 NEEDS = ("newton==1.8.0", "warp-lang==1.19.0")
+
+
+def shell(radii: tuple, height: float, thickness: float = 0.045, sides: int = 64) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (n, 3) [m] and triangles (m, 3), counter-clockwise from outside, of a mould: the mantle of a cone and the
+    same ``thickness`` [m] farther out."""
+    angle, k = 2.0 * np.pi * np.arange(sides) / sides, np.arange(sides)
+    ring, following = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]), np.roll(k, -1)
+    section = [(radii[0], 0.0), (radii[0] + thickness, 0.0), (radii[1] + thickness, height), (radii[1], height)]
+    rims = [(sides * j, sides * ((j + 1) % 4)) for j in range(4)]
+    triangles = [
+        part for a, b in rims for part in ((a + k, a + following, b + following), (a + k, b + following, b + k))
+    ]
+    return np.vstack([r * ring + (0.0, 0.0, z) for r, z in section]), np.vstack([np.column_stack(t) for t in triangles])
 
 
 def simulate(case: dict) -> dict:
@@ -61,7 +75,18 @@ def simulate(case: dict) -> dict:
             setattr(config, key, settings[key])
     solver = SolverImplicitMPM(model, config=config)
     now, following = model.state(), model.state()
-    dt = settings["dt"]
+    dt, speed = settings["dt"], case["lift_speed"]
+    if speed:
+        corners, triangles = shell((case["base_radius"], case["top_radius"]), case["height"])
+        up = np.tile((0.0, 0.0, speed), (len(corners), 1))
+        arrays = [wp.array(a, dtype=t) for a, t in ((corners, wp.vec3), (triangles.ravel(), int), (up, wp.vec3))]
+        mould = wp.Mesh(*arrays)
+        solver.setup_collider(
+            collider_meshes=[None, mould],
+            collider_body_ids=[-1, None],
+            collider_friction=[1e4, 0.0],
+            collider_adhesion=[1e6, 0.0],
+        )
     steps = round(case["until"] / dt)
     frames, kept = [], {round(t / dt) for t in case["times"]}
 
@@ -72,6 +97,9 @@ def simulate(case: dict) -> dict:
     now, following = following, now
     start = spent()
     for step in range(2, steps + 1):
+        if speed:  # where the mould is at the start of the step
+            mould.points.assign(corners + (step - 1) * dt * up)
+            mould.refit()
         solver.step(now, following, None, None, dt)
         now, following = following, now
         if step in kept:

@@ -21,9 +21,9 @@ MAX_VOLUME_ERROR = 0.01  # of a model that is chosen [-]: a coarse cone may have
 GRAVITY, DENSITY, HEIGHT = 9.81, 2300.0, 0.3  # of the standard cone [m/s2], [kg/m3], [m]
 # Twice the standard deviation of the difference of a run from the mean of five, over the standard deviation of a run
 SCATTER_FACTOR = 2.0 * math.sqrt(1.0 + 1.0 / 5.0)
-# Rings whose mould is lifted, by benchmarks/lifted.py: largest changes of the effect of lifting by half the spacing and
-# by half the step at 10 mm, summed, over the spacing: of the slump and of half of the slump flow
-LIFTED, LIFTED_REACH = 0.53, 0.51
+# A mould that is lifted, by benchmarks/lifted.py: what lifting changes of the slump and of half of the slump flow, at
+# 10 mm beside rings of 5 mm, and of rings beside half the step: largest differences, summed, over the spacing
+LIFTED = {"axisymmetric": (0.53, 0.51), "full": (9.99, 9.99)}
 # range of these: slowest speed [m/s], coarsest spacing over H, softest and stiffest mix [Pa], [Pa s]
 SLOWEST, LIFTED_SPACING, LIFTED_MIXES = 0.06, 1.0 / 30.0, ((100.0, 50.0), (500.0, 50.0))
 STANDARD = {"base_diameter": 2.0 / 3.0, "top_diameter": 1.0 / 3.0}  # of the cone that was measured, over its height
@@ -137,7 +137,7 @@ def nearest(mix: Mix) -> Mix:
 def errors_of_run(summary: dict) -> tuple[Mix, float, Measured | None] | None:
     """Mix and height [m] of a run, from its summary, and its expected errors, None where no such mix was measured.
     None instead of all three if the run is of another kind than those measured: the scheme implicit, a cone of standard
-    shape at any scale whose mould is gone at once, or lifted from rings, one Bingham mix."""
+    shape at any scale whose mould is gone at once, or lifted off the whole or rings, one Bingham mix."""
     given, mixes = summary.get("parameters", {}), summary.get("materials") or []
     walls = summary.get("numerics", {}).get("walls", "surfaces")
     if (summary["scene"], summary["scheme"], walls, len(mixes)) != ("slump", "implicit", "surfaces", 1):
@@ -162,11 +162,11 @@ def errors_of_lifted(error: Measured, speed: float) -> Measured | None:
     soft, stiff = (Mix.of(*mix) for mix in LIFTED_MIXES)
     between = soft.yield_number <= error.yield_number <= stiff.yield_number
     as_viscous = 0.5 <= error.viscosity_number / soft.viscosity_number <= 2.0
-    fine = error.model == "axisymmetric" and error.spacing <= LIFTED_SPACING * (1.0 + 1e-6)
+    fine = error.model in LIFTED and error.spacing <= LIFTED_SPACING * (1.0 + 1e-6)
     if not (between and as_viscous and fine and speed >= SLOWEST):
         return None
-    more = LIFTED * error.spacing, LIFTED_REACH * error.spacing
-    return error._replace(slump=error.slump + more[0], reach=error.reach + more[1])
+    slump, reach = LIFTED[error.model]
+    return error._replace(slump=error.slump + slump * error.spacing, reach=error.reach + reach * error.spacing)
 
 
 # ---- choice of model and spacing -------------------------------------------------------------------------------

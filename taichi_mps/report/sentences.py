@@ -96,7 +96,7 @@ def certainty(summary) -> str:
     if found is None:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
     mix, height, error = found
-    lifted = "; lifting the mould, beside half the particle size and half the step" * (
+    lifted = "; lifting the mould, beside finer particles and shorter steps" * (
         summary.get("parameters", {}).get("lift_speed") is not None
     )
     if error is None:
