@@ -5,7 +5,7 @@ import pytest
 
 import taichi_mps as mps
 
-SPACING = 0.02
+SPACING, STEPS = 0.02, 16
 
 
 def scene(wall, height):
@@ -30,20 +30,20 @@ def simulation(*of):
 
 @pytest.mark.parametrize(
     ("wall", "height", "steps"),
-    [(0.65, 20.0, [0]), pytest.param(0.6875, 2.2, range(1, 8), marks=pytest.mark.slow)],
+    [(0.65, 20.0, [0]), pytest.param(0.6875, 2.2, range(1, STEPS), marks=pytest.mark.slow)],
     ids=["at once", "when the block comes near"],
 )
 def test_a_list_that_is_too_short_is_made_longer_and_the_step_is_taken_again(wall, height, steps):
-    """Eight steps, in one of which the list was enlarged, have the bits of a run with a list that is long enough."""
+    """Sixteen steps, in one of which the list was enlarged, have the bits of a run with a list that is long enough."""
     sim = simulation(wall, height)
     start, room = sim.state(), [sim.neighbors.pair_capacity]
-    for _ in range(8):
+    for _ in range(STEPS):
         sim.step()
         room.append(sim.neighbors.pair_capacity)
     (longer,) = np.flatnonzero(np.diff(room))
     end = sim.state()
     sim.load(start)
-    for _ in range(8):
+    for _ in range(STEPS):
         sim.step()
     assert longer in steps and sim.neighbors.pair_capacity == room[-1]
     for name, rows in sim.state().items():
