@@ -46,10 +46,8 @@ CREEP = 0.1
 # Where a yielding fluid falls, solves before the last end at this part of their residual: the new stress adds as much
 EARLY_MAX_REDUCTION = 0.1
 QUIET = 0.005  # a flow is quiet where its change of velocity moves particles by less than this part of l0 in a step
-MAX_DIVERGENCE = (
-    0.175,
-    1.0,
-)  # largest divergence that is imposed, over sqrt(g/H) and over U/H [-]: 1 1/s in a slump cone
+# Largest divergence that is imposed, over sqrt(g/H) and over U/H [-]: 1 1/s in a slump cone
+MAX_DIVERGENCE = 0.175, 1.0
 STILL = 1e-5  # speed over sqrt(gH) below which steps are not longer: each one removes most of the remaining motion
 
 
