@@ -79,7 +79,7 @@ def answer(key, function, *arguments) -> np.ndarray:
     try:
         return np.asarray(function(*arguments), float)
     except Exception as error:
-        raise SceneError(f"{key} = {said(function, '')}: {type(error).__name__}: {error}; must give numbers") from None
+        raise SceneError(f"{key} = {quote(function, '')}: {type(error).__name__}: {error}; must give numbers") from None
 
 
 @contextmanager
@@ -101,7 +101,7 @@ def array_of(value) -> np.ndarray:
     return array.astype(float) if array.dtype.kind in "iuf" else np.array(None)
 
 
-def said(value, unit) -> str:
+def quote(value, unit) -> str:
     """Return a value as it was given, on one line, and its unit."""
     text = f"{value:g}" if isinstance(value, float) else " ".join(str(value).split())[:60]
     return text if isinstance(value, str) else f"{text} {unit}".rstrip()
@@ -358,7 +358,7 @@ def checked(function):
         ...
     taichi_mps.units.SceneError: width is missing [m]; unknown key 'widht', did you mean 'width'?
     """
-    require(inspect.isfunction(function), f"function = {said(function, '')}: must be a function of keywords")
+    require(inspect.isfunction(function), f"function = {quote(function, '')}: must be a function of keywords")
     arguments = inspect.signature(function).parameters
     kinds = {name: p.annotation for name, p in arguments.items() if isinstance(p.annotation, type)}
     records = {name: kind for name, kind in kinds.items() if issubclass(kind, Checked)}

@@ -28,7 +28,7 @@ def tests() -> list[dict]:
     for name, text in sorted(catalogue.describe().items(), key=lambda item: item[0] != "slump"):
         function = catalogue.load(name)
         fields = {scheme: fields_of(keywords(function, numerics)) for scheme, numerics in NUMERICS.items()}
-        found.append({"name": name, "told": text, "preview": name in PREVIEW_MODELS, "fields": fields})
+        found.append({"name": name, "help": text, "preview": name in PREVIEW_MODELS, "fields": fields})
     return found
 
 
@@ -62,7 +62,7 @@ def field_facts(name: str, field) -> dict:
         "unit": unit,
         "usual": "" if default is None else shown(default, unit if unit == "m" else ""),
         "default": default,
-        "told": f"{field.description or keyword_description(name)} {allowed(field)}".strip(),
+        "help": f"{field.description or keyword_description(name)} {allowed(field)}".strip(),
         "words": words if not unit else [],
         "ends": ends,
     }

@@ -33,7 +33,7 @@ class Job:
     state: str = "waiting"  # then running; at the end done, stopped or failed
     folder: RunFolder | None = None
     began: float = field(default_factory=time.monotonic)  # time of the request, then of its start
-    said: str = ""  # messages of the program on stderr, after its end
+    message: str = ""  # messages of the program on stderr, after its end
     output: str = ""  # stdout, after its end
     stopping: bool = False
     process: asyncio.subprocess.Process | None = None
@@ -91,7 +91,7 @@ class Queue:
         while lock.writer(job.folder.path) == job.orphan:
             await asyncio.sleep(POLL_INTERVAL)
         ended = read_json(job.folder.summary).get("stopped_by")
-        job.said = "it was cut off or diverged"
+        job.message = "it was cut off or diverged"
         job.state = "failed" if ended in (None, "diverged") else "stopped" if ended == "interrupted" else "done"
 
     def add(self, job: Job) -> Job:
@@ -117,12 +117,12 @@ class Queue:
                     *words, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, start_new_session=True
                 )
             except (OSError, ValueError) as error:  # no process more, no memory; a word that no program can get
-                job.state, job.said = "failed", str(error)
+                job.state, job.message = "failed", str(error)
                 return
             if job.stopping:  # was asked for while the process was made
                 job.send(signal.SIGINT)
             job.output, lines = (text.decode("utf-8", "replace").strip() for text in await job.process.communicate())
-            job.said = "\n".join(
+            job.message = "\n".join(
                 line[len(MESSAGE_PREFIX) :] for line in lines.splitlines() if line.startswith(MESSAGE_PREFIX)
             )
             code = job.process.returncode

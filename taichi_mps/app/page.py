@@ -115,7 +115,7 @@ class Page:
         """Result of a calibration."""
         job = self.job_of(asked)
         facts = json.loads(job.output) if job.words[0] == "calibrate" and job.state == "done" else {}
-        return {"verdict": verdict(facts), **facts} if facts else {"state": job.state, "said": job.said}
+        return {"verdict": verdict(facts), **facts} if facts else {"state": job.state, "message": job.message}
 
     # ---- jobs --------------------------------------------------------------------------------------------------
     def job_of(self, asked: Query) -> Job:

@@ -182,7 +182,7 @@ class Runs:
         job = next((job for job in reversed(self.queue.jobs) if job.words == words), None)
         if (left.path / name).is_file() and not (job and not job.finished):
             return {"film": url(left, name)}
-        return {"state": job.state if job else "", "said": job.said if job else ""}
+        return {"state": job.state if job else "", "message": job.message if job else ""}
 
     def draw(self, asked) -> None:
         """Draw two runs side by side."""
@@ -256,13 +256,13 @@ def facts_of(number: int, job: Job) -> dict:
     """Facts of a job for the page."""
     clock = read_json(job.folder.clock) if job.folder and not job.finished else {}
     picture = newest_picture(job.folder) if clock else None
-    message = job.said or f"it ended with code {job.process and job.process.returncode}, and said nothing"
+    message = job.message or f"it ended with code {job.process and job.process.returncode}, and said nothing"
     return {
         "id": number,
         "title": job.title,
         "state": job.state,
         "stopping": job.stopping,
-        "said": message if job.state == "failed" else "",
+        "message": message if job.state == "failed" else "",
         "run": job.folder.path.name if job.folder else None,
         "spent": job.spent,
         "about": job.about,

@@ -20,7 +20,7 @@ from ..io.vtkhdf import Trajectory
 from ..problem import catalogue
 from ..problem.numerics import NUMERICS, Implicit
 from ..problem.problem import Problem
-from ..units import INSTANT, SceneError, plain, require, said, suggestion, user_path
+from ..units import INSTANT, SceneError, plain, quote, require, suggestion, user_path
 from .case_file import case_text, expand_case_file
 from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, parse_scene, read_back, tell
 from .run import carry_out, describe_run, draw_curves, make_clock, print_result, redraw, start_taichi
@@ -306,7 +306,7 @@ COMMANDS = {
 def main(argv=None, more=None) -> int:
     """Run a command line, of COMMANDS and ``more``; 0 done, 2 bad input, 3 diverged, 130 and 143 ended by Ctrl-C and
     SIGTERM; of a sweep 1: a case failed. BrokenPipeError where nobody reads what it prints any more."""
-    require(argv is None or isinstance(argv, list | tuple), f"argv = {said(argv, '')}: must be a list of words")
+    require(argv is None or isinstance(argv, list | tuple), f"argv = {quote(argv, '')}: must be a list of words")
     prepare_streams()
     argv, commands = [str(word) for word in (sys.argv[1:] if argv is None else argv)], COMMANDS | (more or {})
     try:

@@ -16,7 +16,7 @@ from ..problem import catalogue
 from ..problem.labels import keyword_description, option_name
 from ..problem.materials import Concrete
 from ..problem.numerics import NUMERICS
-from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, require, said, suggestion, unit_of
+from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, quote, require, suggestion, unit_of
 
 EVERY_HELP = (
     "time between pictures, by default a hundredth of the time limit, and of what falls to rest at most 0.3 sqrt(H/g)"
@@ -224,7 +224,7 @@ def default(field) -> str:
     unit = unit_of(field).strip("-")
     if field.is_required() or field.default in (None, "") or field.default is False:
         return " ".join(["required"] * field.is_required() + [f"[{unit}]"] * bool(unit))
-    return f"default {said(field.default, unit)}"
+    return f"default {quote(field.default, unit)}"
 
 
 def group_of(name: str, model) -> str:
@@ -245,7 +245,7 @@ def is_tuple(field) -> bool:
 
 def read_back(name: str, values, field) -> None:
     """Print on stderr the values that were read from a list with commas."""
-    texts = [said(value, "") for value in values]
+    texts = [quote(value, "") for value in values]
     shown = texts if len(texts) <= MAX_READ_BACK else [*texts[:3], "...", texts[-1]]
     line = f"taichi-mps: {name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}"
     print(plain(line.rstrip()), file=sys.stderr)

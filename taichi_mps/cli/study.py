@@ -24,7 +24,7 @@ from ..study.require import Wanted, require_bingham, runs_to_expect
 from ..study.require import require as find_borders
 from ..study.sweep import ACCURACY, LOST, cases, sweep, wall_time
 from ..study.tables import measures
-from ..units import Checked, Count, Speed, plain, require, said, user_path
+from ..units import Checked, Count, Speed, plain, quote, require, user_path
 from . import case_file
 from .options import DONE, JSON, Workers, command, given, parse_scene, read_back, tell
 
@@ -113,7 +113,7 @@ def watching(varied, quiet: bool, options, planned, runs=None):
             reported.add(row["key"])
             words = [
                 f"{len(reported)}/{max(total, runs or 0)}",
-                *(f"{in_words(name)} {said(row[name], '')}" for name in varied),
+                *(f"{in_words(name)} {quote(row[name], '')}" for name in varied),
             ]
             spent = (row.get("cpu_seconds") or 0.0) + (row.get("compile_seconds") or 0.0)
             left = whole * max(0.0, 1.0 - len(reported) / count)

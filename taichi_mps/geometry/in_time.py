@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator
 
-from ..units import INSTANT, Size, Time, answer, array_of, real, require, said, validated, vector
+from ..units import INSTANT, Size, Time, answer, array_of, quote, real, require, validated, vector
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(8)
 PANEL = 0.01  # length of an interval of Gauss quadrature [s]: 8 nodes are exact to 1e-6 up to 150 Hz
@@ -64,7 +64,7 @@ class TimeDependent:
         value = answer(self.key, self.function, time)
         require(
             value.shape == (self.d,) and np.all(np.isfinite(value)),
-            f"{self.key} = {said(self.function, '')}: gives {said(value, '')} at {time:g} s; {self.wanted}",
+            f"{self.key} = {quote(self.function, '')}: gives {quote(value, '')} at {time:g} s; {self.wanted}",
         )
         return value
 

@@ -22,9 +22,9 @@ from ..units import (
     answer,
     array,
     points,
+    quote,
     real,
     require,
-    said,
     validated,
     vector,
 )
@@ -44,7 +44,7 @@ def polygon_corners(corners):
 def evaluate_distance(function, x):
     """Evaluate a user's distance function [m] at points (n, d); SceneError where it gives no finite numbers."""
     found = answer("distance", function, x)
-    wrong = f"distance = {said(function, '')}: must give a finite number [m] for each point, (n,)"
+    wrong = f"distance = {quote(function, '')}: must give a finite number [m] for each point, (n,)"
     require(found.size == len(x) and np.all(np.isfinite(found)), wrong)
     return found
 

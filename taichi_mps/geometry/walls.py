@@ -17,9 +17,9 @@ from ..units import (
     array,
     array_of,
     points,
+    quote,
     real,
     require,
-    said,
     validated,
     vector,
 )
@@ -275,7 +275,7 @@ class Cylinder(Moving):
         require(is_direction if d == 3 else given.shape == (0,), wrong)
         require(
             d == 3 or not (self.velocity or self.slope or self.length),
-            f"velocity = {said(self.velocity, 'm/s')}, slope = {self.slope:g}, length = {self.length} m: a circle has "
+            f"velocity = {quote(self.velocity, 'm/s')}, slope = {self.slope:g}, length = {self.length} m: a circle has "
             "no axis; must be left out in 2-D",
         )
         endless = self.length is None

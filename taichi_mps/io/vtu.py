@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import meshio
 import numpy as np
 
-from ..units import Flag, Place, SceneError, require, said, validated, writing
+from ..units import Flag, Place, SceneError, quote, require, validated, writing
 from ..viz.body import smooth_surface
 from .vtkhdf import point_data, single
 
@@ -55,7 +55,7 @@ def vtu(outputs: Iterable, folder: Place, whole: Flag = False, smooth: Flag = Fa
         raise SceneError(f"out = {folder}: holds other files, such as {others[0]}; must be a new or empty folder")
     lines = []
     for number, output in enumerate(outputs):
-        require(hasattr(output, "snapshot"), f"outputs = {said(output, '')}: must be those of Trajectory.replay")
+        require(hasattr(output, "snapshot"), f"outputs = {quote(output, '')}: must be those of Trajectory.replay")
         s = output.scene.unfold(output.snapshot()) if whole or smooth else output.snapshot()
         cells = [("vertex", np.arange(len(s.x))[:, None])]
         if smooth:

@@ -33,9 +33,9 @@ from ..units import (
     array,
     checked,
     instance,
+    quote,
     real,
     require,
-    said,
     unit_of,
     validated,
 )
@@ -697,13 +697,13 @@ def law_of(numbers: dict, usual: Material) -> Material:
     """
     given = {name: value for name, value in numbers.items() if value is not None}
     for name, value in given.items():
-        require(not isinstance(value, np.ndarray | bool), f"{name} = {said(value, '')}: must be a number")
+        require(not isinstance(value, np.ndarray | bool), f"{name} = {quote(value, '')}: must be a number")
     choosing = [name for name, value in given.items() if chooses_law(name, value)]
     law = max((type(usual), *LAWS), key=lambda law: sum(name in (*numbers_of(law), *law.viscous) for name in choosing))
     known = numbers_of(law)
     by = " and ".join(name for name in choosing if name in known and name not in COMMON_NUMBERS)
     for name in (name for name in choosing if name in NUMBERS and name not in known):
-        key = f"{name} = {said(given[name], unit_of(Concrete.model_fields[name]))}"
+        key = f"{name} = {quote(given[name], unit_of(Concrete.model_fields[name]))}"
         require(name in law.viscous, f"{key}: the law {law.__name__}, by {by}, has no such number; must be left out")
         require(law.viscous[0] not in given, f"{key}: stands for {law.viscous[0]}, which is given; must be left out")
     values = dict(usual) | given
@@ -724,7 +724,7 @@ def constants_of(facts: dict) -> dict[str, str]:
     known = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
     given = {name: value for name, value in known.items() if name in COMMON_NUMBERS or chooses_law(name, value)}
     units = {name: unit_of(field) for name, field in Concrete.model_fields.items()}
-    return {in_words(name): said(float(value), units.get(name, "")) for name, value in given.items()}
+    return {in_words(name): quote(float(value), units.get(name, "")) for name, value in given.items()}
 
 
 def mix_in_words(facts: dict) -> str:

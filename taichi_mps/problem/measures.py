@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import InstanceOf
 
 from ..geometry.shapes import MAX_POINTS, Surface
-from ..units import Flag, Size, Time, array, array_of, points, real, require, said, validated, vector
+from ..units import Flag, Size, Time, array, array_of, points, quote, real, require, validated, vector
 from .loads import Load
 
 # Radius over size of the rings that get a particle on the axis: particles of smaller ones cover the axis, and in larger
@@ -127,7 +127,7 @@ class Measured:
         try:
             found = self.function(*given)
             if not isinstance(found, dict):
-                raise TypeError(f"gives {said(found, '')}; must give a dict of numbers")
+                raise TypeError(f"gives {quote(found, '')}; must give a dict of numbers")
         except Exception as error:  # the function is the user's code
             self._warn_once("", f"{type(error).__name__}: {' '.join(str(error).split())}")
             return {}
@@ -137,7 +137,7 @@ class Measured:
             if array.shape == () and array.dtype.kind == "f":
                 numbers[name] = float(array)
             else:
-                self._warn_once(name, f"{name} = {said(value, '')} is no number")
+                self._warn_once(name, f"{name} = {quote(value, '')} is no number")
         return numbers
 
     def _warn_once(self, what, wrong):
@@ -323,7 +323,7 @@ def require_axes(s: Snapshot, vertical=0, **places):
     for key, place in places.items():
         if np.shape(place)[-1] != d - 1 + vertical:  # the text below is slow, so it is made only here
             wrong = f"must have {d - 1 + vertical} coordinates, for particles that have {d}"
-            require(False, f"{key} = {said(place, 'm')}: {wrong}")
+            require(False, f"{key} = {quote(place, 'm')}: {wrong}")
 
 
 def require_heap(s: Snapshot):
@@ -657,7 +657,7 @@ def depth(
     """
     where = np.asarray(where)
     mask = where.dtype == bool and where.shape == (len(s.x),)
-    require(mask, f"where = {said(where, '')}: must be True or False for each of {len(s.x)} particles")
+    require(mask, f"where = {quote(where, '')}: must be True or False for each of {len(s.x)} particles")
     return float((s.size[where] ** s.x.shape[1]).sum() / area)
 
 
@@ -688,7 +688,7 @@ def by_height(s: InstanceOf[Snapshot], values: Values, edges: array("m", (None,)
     """
     require(len(values) == len(s.x), f"values of shape {values.shape}: must have one number a particle, {len(s.x)}")
     above = len(edges) >= 2 and np.all(np.diff(edges) > 0.0)
-    require(above, f"edges = {said(edges, 'm')}: must be two or more, each above the one before")
+    require(above, f"edges = {quote(edges, 'm')}: must be two or more, each above the one before")
     low, high = s.x[:, -1, None] - 0.5 * s.size[:, None], s.x[:, -1, None] + 0.5 * s.size[:, None]
     shared = np.maximum(0.0, np.minimum(high, edges[1:]) - np.maximum(low, edges[:-1]))
     return values @ (shared / s.size[:, None])

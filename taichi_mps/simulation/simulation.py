@@ -18,7 +18,7 @@ from ..schemes.scheme import Speeds
 from ..schemes.semi_implicit import SemiImplicit
 from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
-from ..units import INSTANT, Duration, Flag, Instant, require, said, validated
+from ..units import INSTANT, Duration, Flag, Instant, quote, require, validated
 from .forecast import pairs_of, require_memory
 from .frame import Frame, interpolate
 from .pouring import Pouring
@@ -478,7 +478,7 @@ class Simulation:
             What ``state`` returned.
         """
         missing = {*self.particles.carried, "time", "steps", "last_dt", "report", "rest"} - set(state)
-        require(not missing, f"state = {said(state, '')}: has no {', '.join(sorted(missing))}; must be that of state()")
+        require(not missing, f"state = {quote(state, '')}: has no {', '.join(sorted(missing))}; must come from state()")
         carried = {name: state[name] for name in self.particles.carried}
         self.particles.load(carried)
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]

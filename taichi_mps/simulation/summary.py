@@ -10,7 +10,7 @@ from ..problem.labels import in_words, is_measure, title, written
 from ..problem.materials import mix_in_words
 from ..runtime import backend
 from ..schemes.step_report import DivergedError, DomainError, UnmeasuredError
-from ..units import said
+from ..units import quote
 
 SLUMP = "slump_m"
 
@@ -33,12 +33,12 @@ class Summary(dict):
 def entry(key: str, value) -> tuple[str, str]:
     """An entry of a summary in words: a result with its unit, mixes by their constants."""
     if isinstance(value, dict):
-        return in_words(key), ", ".join(f"{in_words(name)} {said(v, '')}" for name, v in value.items() if v is not None)
+        return in_words(key), ", ".join(f"{in_words(k)} {quote(v, '')}" for k, v in value.items() if v is not None)
     if key == "materials":
         return "mix", "; ".join(map(mix_in_words, value))
     if is_measure(key):
         return title(key), "not known" if value is None else written(key, value)
-    return in_words(key), said(value, "")
+    return in_words(key), quote(value, "")
 
 
 def summary(sim) -> Summary:

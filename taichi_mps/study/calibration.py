@@ -286,12 +286,14 @@ class Calibration(Mix):
         """Format that no mix fits the measurements, with what each alone says and what to trust it for."""
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
-            said = [
+            readings = [
                 f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "
                 f"says {Constant(*it, 0.0, 0.0, CONSTANT_UNITS[constant]).value_or_bound()}"
                 for name, it in self.alone.get(constant, {}).items()
             ]
-            text += f"; at {rounded(self.others[other])} {CONSTANT_UNITS[other]} {', '.join(said)}" if said else ""
+            text += (
+                f"; at {rounded(self.others[other])} {CONSTANT_UNITS[other]} {', '.join(readings)}" if readings else ""
+            )
         if not {"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys():
             return text
         return (

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.labels import in_words, title, unit_of_measure
-from ..units import File, Place, SceneError, said, unit_of, validated
+from ..units import File, Place, SceneError, quote, unit_of, validated
 from ..validation import columns as reference
 from ..viz.plots import COLOURS, _figure, _save
 from .curves import SHEAR_RATES
@@ -163,7 +163,7 @@ def study_chart(rows, varied, out) -> Path:
         for k, key in enumerate(dict.fromkeys(tuple(row[other] for other in others) for row in done)):
             points = [(row[x], row.get(name)) for row in done if tuple(row[other] for other in others) == key]
             points = np.array(sorted(points), float)  # None becomes nan: a gap
-            label = ", ".join(f"{in_words(other)} {said(value, '')}" for other, value in zip(others, key, strict=True))
+            label = ", ".join(f"{in_words(other)} {quote(value, '')}" for other, value in zip(others, key, strict=True))
             axes.plot(points[:, 0], factor * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label)
         axes.set(xlabel=in_words(x) + f" [{unit}]" * bool(unit), ylabel=title(name) + f" [{unit_y}]" * bool(unit_y))
         if values[0] > 0.0:

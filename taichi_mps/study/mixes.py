@@ -176,7 +176,7 @@ def verdict_of(found: Calibration) -> dict[str, str]:
         verdict, reason = EXPLAINED if found.yield_value.determined else BOUNDED, ""
     elif found.explained_by_friction:
         verdict, reason = WITH_FRICTION, f"no Bingham mix does {friction.all_measurements}{tried}: {friction.command}"
-    elif any(len(said) > 1 for said in found.alone.values()):
+    elif any(len(readings) > 1 for readings in found.alone.values()):
         verdict, reason = TWO_ANSWERS, found.contradiction() + tried
     else:
         verdict, reason = FAR, found.nearest() + tried

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from ..problem import catalogue
-from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, real, said, unit_of
+from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, real, unit_of
 from ..units import require as check
 from .case import case
 from .case import run as run_case
@@ -136,7 +136,7 @@ def require_bingham(form, parameters: dict) -> None:
     """Raise SceneError where the parameters of a form give its mixes another law than Bingham's."""
     fields = catalogue.load(form.name).parameters.model_fields
     given = [name for name in parameters if name in NUMBERS]
-    numbers = ", ".join(f"{name} = {said(form.parameters[name], unit_of(fields[name]))}" for name in given)
+    numbers = ", ".join(f"{name} = {quote(form.parameters[name], unit_of(fields[name]))}" for name in given)
     bingham = form.material.straight and not parameters.keys() & form.material.viscous
     check(
         bingham, f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out"

@@ -28,9 +28,9 @@ from ..units import (
     Place,
     SceneError,
     array,
+    quote,
     real,
     require,
-    said,
     user_path,
     validated,
     writing,
@@ -363,7 +363,7 @@ def gif(
     paths = [frames] if isinstance(frames, Path) else list(frames)
     if len(paths) == 1 and paths[0].is_dir():
         paths = sorted(paths[0].glob("frame_*.png")) or sorted(paths[0].glob("*.png"))
-    require(paths, f"frames = {said(frames, '')}: holds no pictures; must be a folder of pictures, or pictures")
+    require(paths, f"frames = {quote(frames, '')}: holds no pictures; must be a folder of pictures, or pictures")
     pictures = []
     for path in paths:
         try:

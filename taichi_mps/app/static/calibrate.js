@@ -13,7 +13,7 @@ export class Calibrate {
       const id = `measured-${field.name}`;
       const shown = {id, "data-field": `calibrate-${field.name}`, placeholder: field.usual || "–", "aria-describedby": `${id}-wrong`};
       this.inputs[field.name] = h("input", {...shown, inputmode: "decimal", oninput: (event) => this.set(field.name, event.target.value)});
-      return h("div.field", {title: field.told}, h("label", {for: id}, field.label), this.inputs[field.name],
+      return h("div.field", {title: field.help}, h("label", {for: id}, field.label), this.inputs[field.name],
         h("span.unit", {}, field.unit), h("p.wrong", {id: `${id}-wrong`}));
     };
     const [first, others] = [measurements.filter((it) => FIRST.includes(it.name)), measurements.filter((it) => !FIRST.includes(it.name))];
@@ -85,7 +85,7 @@ export class Calibrate {
     const found = await ask("found", {job});
     if (found.verdict) return this.found(found);
     this.answer.textContent = found.state === "stopped" ? "Stopped by you." : "No answer.";
-    this.mark(found.said || "");
+    this.mark(found.message || "");
   }
 
   found(facts) {

@@ -69,7 +69,7 @@ function choose(name, values) {
   }
   if (other || state.scheme !== state.values.scheme) draw();
   for (const field of fields()) write(field.name, state.values[field.name] || "");
-  by("told").textContent = test().told;
+  by("headline").textContent = test().help;
   by("nothing").replaceChildren(icon(name), h("p", {}, "This test has no preview. What a run of it takes is told beside the button."));
   document.querySelector("#tests a[aria-current]")?.scrollIntoView({block: "nearest", inline: "nearest"});
   look();
@@ -88,17 +88,17 @@ function draw() {
 }
 
 function control(field) {
-  const id = `field-${field.name}`, label = h("label", {for: id, title: field.told}, field.label);
+  const id = `field-${field.name}`, label = h("label", {for: id, title: field.help}, field.label);
   const changed = (event) => set(field.name, event.target.value);
   if (field.words.length) {
     const usual = field.usual ? `${field.usual} (usual)` : "usual";
     const options = [h("option", {value: ""}, usual), ...field.words.filter((word) => word !== field.usual).map((word) => h("option", {}, word))];
     const made = h("select", {id, "data-field": field.name, onchange: changed}, options);
-    return h("div.field", {title: field.told}, label, made, h("p.wrong", {id: `${id}-wrong`}));
+    return h("div.field", {title: field.help}, label, made, h("p.wrong", {id: `${id}-wrong`}));
   }
   const shown = {id, "data-field": field.name, placeholder: field.usual, "aria-describedby": `${id}-wrong`, spellcheck: "false"};
   const made = h("input", {...shown, inputmode: field.unit ? "decimal" : "text", oninput: changed});
-  const row = h("div.field", {title: field.told}, label, made, h("span.unit", {}, field.unit), h("p.wrong", {id: `${id}-wrong`}));
+  const row = h("div.field", {title: field.help}, label, made, h("span.unit", {}, field.unit), h("p.wrong", {id: `${id}-wrong`}));
   if (field.ends) {
     const slide = (event) => {
       const [low, high] = field.ends, value = low * (high / low) ** (event.target.value / 1000);
@@ -276,7 +276,7 @@ async function tick() {
   const {job} = state, over = job && ["done", "stopped", "failed"].includes(job.state);
   if (job && !over && !before && state.mode === "preview") mode("run");
   if (job && state.mode === "run") follow(job);
-  if (over && (before?.id !== job.id || before?.state !== job.state) && job.state === "failed" && before) notice(`${job.title}: ${job.said}`);
+  if (over && (before?.id !== job.id || before?.state !== job.state) && job.state === "failed" && before) notice(`${job.title}: ${job.message}`);
   if (over && before && before.id === job.id && before.state !== job.state && state.mode === "run") finished(job, last);
   if (JSON.stringify(last) !== state.last) lastRun(last);
   by("last").dataset.job = job?.state || "";
@@ -332,7 +332,7 @@ for (const each of given.tests || []) state.tests[each.name] = each;
 const order = Object.keys(TESTS).filter((name) => state.tests[PRESETS[name]?.test || name]);
 const others = Object.keys(state.tests).filter((name) => !TESTS[name]);
 by("tests").append(...[...order, ...others].map((name) =>
-  h("a", {href: `#${name}`, "data-page": name, "data-test": name, title: state.tests[PRESETS[name]?.test || name].told,
+  h("a", {href: `#${name}`, "data-page": name, "data-test": name, title: state.tests[PRESETS[name]?.test || name].help,
     onclick: (event) => {
       event.preventDefault();
       const mix = new URLSearchParams();

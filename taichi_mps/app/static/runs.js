@@ -16,17 +16,17 @@ function table(head, lines) {
 export class Runs {
   constructor(place, go) {
     Object.assign(this, {place, go, rows: [], chosen: new Set(), known: ""});
-    this.said = h("p.notice", {role: "alert", hidden: true});
+    this.notice = h("p.notice", {role: "alert", hidden: true});
     this.bar = h("div.actions");
     this.list = h("div.rows", {"data-part": "runs"});
     this.bin = h("details.bin", {hidden: true});
     this.detail = h("article", {"data-part": "run"});
-    place.append(this.said, h("h1", {}, "Runs"), this.bar, this.list, this.bin, this.detail);
+    place.append(this.notice, h("h1", {}, "Runs"), this.bar, this.list, this.bin, this.detail);
   }
 
   say(words) {
-    this.said.hidden = !words;
-    this.said.textContent = words || "";
+    this.notice.hidden = !words;
+    this.notice.textContent = words || "";
   }
 
   // What the address asks for: the list, one run, or several beside each other.
@@ -144,7 +144,7 @@ export class Runs {
       beside && !beside.film ? h("p", {}, open ? "The moving picture of both is being drawn." : h("button", {type: "button", "data-action": "draw", onclick: async () => {
         await this.change("draw", {names});
         this.compare(names);
-      }}, "Draw both side by side"), beside.state === "failed" ? ` ${beside.said}` : "") : "");
+      }}, "Draw both side by side"), beside.state === "failed" ? ` ${beside.message}` : "") : "");
   }
 }
 

@@ -31,8 +31,8 @@ function spot() {
 }
 
 export class Stage {
-  constructor(canvas, told, again) {
-    Object.assign(this, {canvas, told, again, frames: [], film: 0, wide: 0, marks: null, at: null, shown: null});
+  constructor(canvas, caption, again) {
+    Object.assign(this, {canvas, caption, again, frames: [], film: 0, wide: 0, marks: null, at: null, shown: null});
     this.context = canvas.getContext("2d");
     this.mask = document.createElement("canvas");
     this.spot = spot();
@@ -61,7 +61,7 @@ export class Stage {
 
   clear() {
     this.frames = [];
-    this.told.textContent = "";
+    this.caption.textContent = "";
     this.again.hidden = true;
     this.request();
   }
@@ -109,9 +109,9 @@ export class Stage {
     this.film = Math.min(last.t, this.film + passed * this.speed);
     if (this.film < last.t) this.request();
     const over = this.end !== null && this.film >= last.t;
-    if (this.told) {
+    if (this.caption) {
       const pace = over ? "at rest" : this.speed > 1.05 ? `${Number(this.speed.toPrecision(2))} times as fast` : "real time";
-      this.told.textContent = `${this.film.toFixed(2)} s, ${this.resting === false && over ? "end" : pace}`;
+      this.caption.textContent = `${this.film.toFixed(2)} s, ${this.resting === false && over ? "end" : pace}`;
     }
     if (this.again) this.again.hidden = !over;
   }
