@@ -83,8 +83,8 @@ class FrictionalSlip:
         ``map_traction`` needs to converge."""
         size = self.spacing * ti.sqrt(ratio)
         first = ti.max(0.0, ti.min(1.0, 2.5 - 2.0 * z / size))  # 1 in the first row, 0 in the second
-        own = volume * ti.max(n.dot(cBn), 1e-3 / size)
-        area = first * (1.0 - second_row_share) * acts * volume / size + (1.0 - first) * own
+        own_area = volume * ti.max(n.dot(cBn), 1e-3 / size)
+        area = first * (1.0 - second_row_share) * acts * volume / size + (1.0 - first) * own_area
         self.area[i] = area
         self.thickness[i] = ti.min(z, area / ti.max(volume * cBn.norm_sqr(), 1e-12 * area))
 
@@ -117,12 +117,12 @@ class FrictionalSlip:
         lowers ``pull`` by ``stiff`` [Pa s/m] besides mu/z."""
         tangential, R, layer = v - n * n.dot(v), self.resistance(), mu / self.thickness[i]
         slip, kappa = self.slip_velocity(i, n, v, 1.0), layer + stiff
-        rest = pull - n * n.dot(pull) + kappa * slip
+        residual = pull - n * n.dot(pull) + kappa * slip
         if ti.static(self.yields):
             trial = self.traction[i] + self.penalty[None] * slip
             self.traction[i] = trial * ti.min(1.0, self.yield_value / ti.max(trial.norm(), 1e-12))
             self.push[i] = 2.0 * self.traction[i] - trial
-            rest -= self.push[i]
-        self.slip[i] = rest / (kappa + R)
+            residual -= self.push[i]
+        self.slip[i] = residual / (kappa + R)
         self.stick[i] = R / (R + layer)
         self.offset[i] = self.slip[i] - (1.0 - self.stick[i]) * tangential

@@ -89,9 +89,9 @@ class GhostSums:
         # GHOST_SUMS at a size and z = re k/(entries - 1), and their derivative by the curvature [m]
         self.flat, self.bend = constant_fields(tables[0], (tables[1] - tables[2]) / (2.0 * bent), vectors=True)
         if corners:
-            left = corner_table(dimension, spacing, effective_radius, **kernels)
+            fractions_left = corner_table(dimension, spacing, effective_radius, **kernels)
             # fraction that is left, by the distances across and from it
-            (self.corner,) = constant_fields(left.swapaxes(0, 1), vectors=True)
+            (self.corner,) = constant_fields(fractions_left.swapaxes(0, 1), vectors=True)
         self.has_wedges = bool(meet.any())
         if self.has_wedges:
             cosines = np.linspace(-1.0, 1.0, COSINES)
@@ -130,11 +130,11 @@ class GhostSums:
         m = ti.min(ti.cast(t, ti.i32), WEDGE_ENTRIES - 2)
         a = ti.min(ti.cast(c, ti.i32), COSINES - 2)
         f, g, h = s - k, t - m, c - a
-        left = ti.Vector.zero(float, ti.static(len(GHOST_SUMS)))
+        fractions = ti.Vector.zero(float, ti.static(len(GHOST_SUMS)))
         for da, dk, dm in ti.static(ti.ndrange(2, 2, 2)):
-            part = (h if da else 1.0 - h) * (f if dk else 1.0 - f) * (g if dm else 1.0 - g)
-            left += part * self.wedge[a + da, k + dk, m + dm]
-        return left
+            weight = (h if da else 1.0 - h) * (f if dk else 1.0 - f) * (g if dm else 1.0 - g)
+            fractions += weight * self.wedge[a + da, k + dk, m + dm]
+        return fractions
 
     @ti.func
     def lookup(self, name: ti.template(), i, wall: ti.template(), f: ti.template(), x, z, curvature, ratio):
@@ -177,7 +177,7 @@ class GhostSums:
         sums are dropped. A face fades out where its foot lies behind the other, beyond the edge."""
         for f in range(self.meet.shape[0]):
             z = self.face_geometry[i, f][0]
-            left = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
+            remaining = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
             if z < self.effective_radius:
                 for g in range(self.meet.shape[0]):
                     across = self.face_geometry[i, g][0]
@@ -188,17 +188,17 @@ class GhostSums:
                         acts = self.face_geometry[i, g][1]  # weight of the other face
                         cut = 1.0 - self.remaining_fractions_at_angle(z, across, cosine)
                         cut *= acts * self.visible_fraction(across, z, cosine)
-                        once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
-                        pull = 1.0 if self.meet[f, g] == 2 else once
+                        counted_once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
+                        pull = 1.0 if self.meet[f, g] == 2 else counted_once
                         for k, name in ti.static(enumerate(GHOST_SUMS)):
                             if ti.static(name in COUNT_SUMS):
-                                left[k] *= 1.0 - cut[k] if g < f else 1.0
+                                remaining[k] *= 1.0 - cut[k] if g < f else 1.0
                             elif ti.static(name == "inward"):
-                                left[k] *= 1.0 - (1.0 - once) * cut[k]
+                                remaining[k] *= 1.0 - (1.0 - counted_once) * cut[k]
                             else:
-                                left[k] *= 1.0 - pull * cut[k]
-                        left *= 1.0 - acts * (1.0 - self.visible_fraction(z, across, cosine))
-            self.remaining[i, f] = left
+                                remaining[k] *= 1.0 - pull * cut[k]
+                        remaining *= 1.0 - acts * (1.0 - self.visible_fraction(z, across, cosine))
+            self.remaining[i, f] = remaining
 
     @ti.func
     def visible_fraction(self, z, across, cosine):

@@ -84,15 +84,15 @@ class SampledSurface(Surface):
             for slot in range(1, self.faces):
                 self.z[i, slot] = FAR
             if z < self.reach:
-                place = self.offset(x) / self.cell
-                first = ti.min(ti.cast(place, ti.i32), ti.Vector(self.shape) - 2)
+                node_coordinates = self.offset(x) / self.cell
+                first = ti.min(ti.cast(node_coordinates, ti.i32), ti.Vector(self.shape) - 2)
                 node = first  # the node around x that is farthest from the solid, where the faces are clear
                 for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
                     if self.values[first + ti.Vector(corner)] > self.values[node]:
                         node = first + ti.Vector(corner)
                 row = self.face_row[node]
                 if row >= 0:
-                    offset = ti.cast((place - node) * self.cell, float)
+                    offset = ti.cast((node_coordinates - node) * self.cell, float)
                     for slot in range(self.faces):
                         plane = self.planes[row, slot]
                         for a in ti.static(range(self.dimension)):
@@ -129,26 +129,26 @@ class SampledSurface(Surface):
     @ti.func
     def drives_near(self, x, reach: ti.template(), ahead: ti.template()):
         """Whether the solid drives fluid within ``reach`` + ``ahead`` [m] of x; distances are known up to ``reach``."""
-        near = False
+        in_reach = False
         for k in ti.static(range(1 + int(np.ceil(ahead / reach)))):
-            way = ti.cast(self.motion(x) * (k * reach / self.speed), ti.f64)
-            near = near or self.signed_distance(x - way) < reach
-        return near
+            path = ti.cast(self.motion(x) * (k * reach / self.speed), ti.f64)
+            in_reach = in_reach or self.signed_distance(x - path) < reach
+        return in_reach
 
 
 @ti.func
-def interpolate(values: ti.template(), kind: ti.template(), shape, place, cell, beyond):
-    """Interpolate the distance [m] linearly at a place in nodes of a grid of this shape, and its gradient [-], both of
+def interpolate(values: ti.template(), kind: ti.template(), shape, x, cell, beyond):
+    """Interpolate the distance [m] linearly at x, in nodes of a grid of this shape, and its gradient [-], both of
     the type ``kind``; outside of the grid the distance is ``beyond``."""
-    z, slope = ti.cast(beyond, kind), ti.Vector.unit(place.n, 0, kind)
-    if (place >= 0.0).all() and (place <= shape - 1).all():
-        z, slope = ti.cast(0.0, kind), ti.Vector.zero(kind, place.n)
-        first = ti.min(ti.cast(place, ti.i32), shape - 2)
-        f = ti.cast(place - first, kind)
-        for corner in ti.static(ti.ndrange(*((2,) * place.n))):
+    z, slope = ti.cast(beyond, kind), ti.Vector.unit(x.n, 0, kind)
+    if (x >= 0.0).all() and (x <= shape - 1).all():
+        z, slope = ti.cast(0.0, kind), ti.Vector.zero(kind, x.n)
+        first = ti.min(ti.cast(x, ti.i32), shape - 2)
+        f = ti.cast(x - first, kind)
+        for corner in ti.static(ti.ndrange(*((2,) * x.n))):
             value = values[first + ti.Vector(corner)]
             z += corner_weight(f, corner, -1) * value
-            for a in ti.static(range(place.n)):
+            for a in ti.static(range(x.n)):
                 slope[a] += (1.0 if corner[a] else -1.0) * corner_weight(f, corner, a) * value / cell
     return z, slope
 
@@ -157,11 +157,11 @@ def interpolate(values: ti.template(), kind: ti.template(), shape, place, cell, 
 def corner_weight(f, corner: ti.template(), but: ti.template()):
     """Weight of a corner of a cell in multilinear interpolation at the fractions f of the cell, without the factor of
     axis ``but``."""
-    part = ti.one(f[0])
+    weight = ti.one(f[0])
     for a in ti.static(range(f.n)):
         if ti.static(a != but):
-            part *= f[a] if corner[a] else 1.0 - f[a]
-    return part
+            weight *= f[a] if corner[a] else 1.0 - f[a]
+    return weight
 
 
 # ---- faces of concave edges -----------------------------------------------------------------------------------------
@@ -173,8 +173,8 @@ def search_faces(values, cell, normal, single_face, nodes, steps, reach) -> np.n
     table = np.zeros((len(nodes), d, 1 + d))
     table[:, :, 0] = np.inf
     steps = np.vstack([np.zeros((1, d)), steps])
-    whole = (np.ascontiguousarray(part, dtype=np.int32) for part in (single_face, nodes, steps))
-    _search(d, np.ascontiguousarray(values), normal, *whole, table, cell, reach)
+    integers = (np.ascontiguousarray(part, dtype=np.int32) for part in (single_face, nodes, steps))
+    _search(d, np.ascontiguousarray(values), normal, *integers, table, cell, reach)
     return table
 
 
@@ -204,12 +204,12 @@ def _search(
                 at = node + step
                 if (at >= 0).all() and (at < shape).all() and single_face[at] == 1:
                     m = ti.Vector([normals[at, a] for a in ti.static(range(d))])
-                    way = step * cell
-                    along = m.dot(way)
+                    offset = step * cell
+                    along = m.dot(offset)
                     distance = values[at] - along  # of the node from that face
                     # distance along the face between the feet of ``at`` and of the node
-                    aside = ti.sqrt(ti.max(0.0, way.norm_sqr() - along**2))
-                    p = way - values[at] * m  # foot of ``at``, from the node
+                    aside = ti.sqrt(ti.max(0.0, offset.norm_sqr() - along**2))
+                    p = offset - values[at] * m  # foot of ``at``, from the node
                     accepted = (
                         distance > -cell and distance < reach + d**0.5 * cell and aside < best - SAME_DISTANCE * cell
                     )

@@ -203,11 +203,11 @@ class Walls(WallPositions):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
                 jump = self.velocity_in_fit(i, wall, n, u - motion * velocity, motion)
-                part = self.c[i, f] / ti.max(z, self.closest)
-                power += jump.norm_sqr() * part
+                weight = self.c[i, f] / ti.max(z, self.closest)
+                power += jump.norm_sqr() * weight
                 if ti.static(wall.has_friction):
                     jump = self.velocity_in_fit(i, wall, n, jump, 0.0)
-                total += jump * part
+                total += jump * weight
         return total, power
 
     @ti.func
@@ -286,9 +286,9 @@ class Walls(WallPositions):
     @ti.func
     def crowding(self, i, x, ratio):
         """Sum of max(0, 1 - r/(1.5 l0)) e [-] over the ghosts, e the direction from x to each."""
-        near = ti.Vector.zero(float, self.dimension)
+        total = ti.Vector.zero(float, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                near -= n * self.ghosts.lookup("crowding", i, wall, f, x, z, curvature, ratio)
-        return near
+                total -= n * self.ghosts.lookup("crowding", i, wall, f, x, z, curvature, ratio)
+        return total

@@ -97,9 +97,9 @@ class NodeMultigrid(NodeOperators):
         for c in range(first(self.filled_count[None]), last(self.filled_count[None])):
             sums = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
             for i in range(self.bins.cell_start[self.filled_cells[c]], self.bins.cell_start[self.filled_cells[c] + 1]):
-                weights, own = self.corner_weights[i], r[i]
+                weights, residual = self.corner_weights[i], r[i]
                 for k, a in ti.static(ti.ndrange(2**self.dimension, self.dimension)):
-                    sums[k, a] += weights[k] * own[a]
+                    sums[k, a] += weights[k] * residual[a]
             self.corner_sums[c] = sums
         wait()
 
@@ -107,10 +107,10 @@ class NodeMultigrid(NodeOperators):
     def sum_corners(self):
         """Sum the corner values of the cells around each node of grid 0."""
         for m in range(first(self.active_count[0]), last(self.active_count[0])):
-            node, place = self.active_nodes[m], self.node_place[m]
+            node, index = self.active_nodes[m], self.node_index[m]
             b = ti.Vector.zero(float, self.dimension)
             for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
-                cell = self.linear_index(place - ti.Vector(corner), ti.Vector(self.bins.shape))
+                cell = self.linear_index(index - ti.Vector(corner), ti.Vector(self.bins.shape))
                 number = self.filled_number[cell] if cell >= 0 else -1
                 if number >= 0:
                     for a in ti.static(range(self.dimension)):
@@ -130,10 +130,10 @@ class NodeMultigrid(NodeOperators):
     def correct_particles(self, r: ti.template(), z: ti.template()):
         """Compute z of the particles: Jacobi, and the interpolated correction of grid 0."""
         for c in range(first(self.filled_count[None]), last(self.filled_count[None])):
-            place = self.coordinates(self.filled_cells[c], ti.Vector(self.bins.shape))
+            cell_index = self.coordinates(self.filled_cells[c], ti.Vector(self.bins.shape))
             corner_values = ti.Matrix.zero(float, 2**self.dimension, self.lanes)
             for k, corner in ti.static(enumerate(self.corners_of_a_cell)):
-                node = self.linear_index(place + ti.Vector(corner), self.corners)
+                node = self.linear_index(cell_index + ti.Vector(corner), self.corners)
                 for a in ti.static(range(self.dimension)):
                     corner_values[k, a] = self.z[1, node][a]
             for i in range(self.bins.cell_start[self.filled_cells[c]], self.bins.cell_start[self.filled_cells[c] + 1]):
@@ -172,18 +172,18 @@ class NodeMultigrid(NodeOperators):
             z = self.z[at, other]
             for e, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
                 total[a] += self.stencil[row, k][e, a] * z[e]
-        rest = self.b[self.active_nodes[self.first_node[grid] + m]]
+        residual = self.b[self.active_nodes[self.first_node[grid] + m]]
         for a in ti.static(range(self.dimension)):
-            rest[a] -= total[a]
-        return rest
+            residual[a] -= total[a]
+        return residual
 
     @stage("sweep")
     def sweep(self, grid: ti.i32, k: ti.i32, at: ti.i32):
         """Do step k of the Chebyshev iteration, from z[at] and the value before, which the result replaces."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):
             node = self.active_nodes[self.first_node[grid] + m]
-            x, before = self.z[at, node], self.z[1 - at, node]
-            change = self.chebyshev_carry[k] * (x - before) + self.chebyshev_step[k] * self.inverse[
+            x, previous = self.z[at, node], self.z[1 - at, node]
+            change = self.chebyshev_carry[k] * (x - previous) + self.chebyshev_step[k] * self.inverse[
                 node
             ] @ self.residual(grid, m, at)
             self.z[1 - at, node] = x + change
@@ -209,9 +209,9 @@ class NodeMultigrid(NodeOperators):
         """Correction of the next coarser grid, interpolated to the m-th node of a grid."""
         z = ti.Vector.zero(float, self.dimension)
         if grid + 1 < self.grids:
-            place, rest = self.first_parent(self.node_place[self.first_node[grid] + m], grid)
+            parent, remainder = self.first_parent(self.node_index[self.first_node[grid] + m], grid)
             for corner in ti.static(self.corners_of_a_cell):
-                number, weight = self.parent_and_weight(place, rest, ti.Vector(corner), grid)
+                number, weight = self.parent_and_weight(parent, remainder, ti.Vector(corner), grid)
                 if weight > 0.0 and self.active[number] > 0:
                     z += weight * self.z[1, number]
         return z

@@ -56,11 +56,11 @@ class NodeOperators:
         first = np.cumsum([0] + [int(np.prod(s)) for s in shapes])
         self.nodes = int(first[-1])
         ratios = np.array([stride // finer for finer, stride in pairwise([strides[0], *strides])])
-        room = [
+        row_capacity = [
             min(n, max(self.MIN_GRID_ROWS, bins.particles.capacity >> (k + 2)))
             for k, n in enumerate(np.diff(first)[1:])
         ]
-        start = np.cumsum([0, 0, *room])
+        start = np.cumsum([0, 0, *row_capacity])
         self.rows = max(1, int(start[-1]))
         # for each grid its first node, its first row, and 1 over the product of its ratio
         self.first_node, self.first_row, self.inverse_ratio = constant_fields(first, start, 1.0 / ratios.prod(1))
@@ -68,12 +68,12 @@ class NodeOperators:
         self.shape, self.stride, self.ratio = constant_fields(np.array(shapes), np.array(strides), ratios, vectors=True)
         self.active = ti.field(ti.i32, self.nodes)  # 1 where a particle may be within reach of the node
         self.active_nodes = ti.field(ti.i32, self.nodes)  # active nodes of a grid, from first_node on
-        self.node_place = ti.Vector.field(d, ti.i32, self.nodes)  # coordinates of these on their grid
+        self.node_index = ti.Vector.field(d, ti.i32, self.nodes)  # coordinates of these on their grid
         self.active_count = ti.field(ti.i32, self.grids)  # number of active nodes
         self.filled_cells = ti.field(ti.i32, bins.cells)  # binning cells that hold particles
         self.filled_count = ti.field(ti.i32, ())  # number of these cells
         self.filled_number = ti.field(ti.i32, bins.cells)  # index of a cell in filled_cells, -1: empty
-        self.fraction = ti.Vector.field(d, real(), bins.particles.capacity)  # place of each particle in its cell [-]
+        self.fraction = ti.Vector.field(d, real(), bins.particles.capacity)  # position of each particle in its cell [-]
         # interpolation weights of the corners of each particle's cell [-]
         self.corner_weights = ti.Vector.field(2**d, real(), bins.particles.capacity)
         self.stencil_points = 3**d
@@ -104,38 +104,38 @@ class NodeOperators:
     @ti.func
     def coordinates(self, k, shape):
         """Coordinates of the k-th node or cell of a grid of this shape."""
-        place, rest = ti.Vector.zero(ti.i32, self.dimension), k
+        coordinates, remainder = ti.Vector.zero(ti.i32, self.dimension), k
         for a in ti.static(range(self.dimension - 1, -1, -1)):
-            place[a] = rest % shape[a]
-            rest //= shape[a]
-        return place
+            coordinates[a] = remainder % shape[a]
+            remainder //= shape[a]
+        return coordinates
 
     @ti.func
-    def linear_index(self, place, shape: ti.template()):
-        """Linear index of the node or cell at a place of a grid of this shape, wrapped along periodic axes; -1
+    def linear_index(self, index, shape: ti.template()):
+        """Linear index of the node or cell at an index of a grid of this shape, wrapped along periodic axes; -1
         outside."""
-        return wrapped_number(place, shape, self.bins.periodic)
+        return wrapped_number(index, shape, self.bins.periodic)
 
     @ti.func
-    def first_parent(self, place, grid):
-        """Coordinates of the first parent, on the next grid, of the node at a place, and the distance between the two
+    def first_parent(self, index, grid):
+        """Coordinates of the first parent, on the next grid, of the node at an index, and the distance between the two
         in nodes of this grid: 0, or 1 along an axis where the node lies between two parents."""
         halved = self.ratio[grid + 1] - 1
-        return place >> halved, place & halved
+        return index >> halved, index & halved
 
     @ti.func
-    def parent_and_weight(self, first, rest, corner, grid):
+    def parent_and_weight(self, first, remainder, corner, grid):
         """Number of the parent at a corner (0 or 1 along each axis) and its interpolation weight."""
         weight = ti.cast(self.inverse_ratio[grid + 1], float)
         for a in ti.static(range(self.dimension)):
-            weight *= ti.select(corner[a] == 1, rest[a], self.ratio[grid + 1][a] - rest[a])
+            weight *= ti.select(corner[a] == 1, remainder[a], self.ratio[grid + 1][a] - remainder[a])
         number = self.linear_index(first + corner, self.shape[grid + 1]) if weight > 0.0 else -1
         return self.first_node[grid + 1] + number, ti.select(number < 0, 0.0, weight)
 
     @ti.func
-    def neighbour(self, place, grid):
-        """Number of the active node at a place of a grid; -1 if there is none."""
-        number = self.linear_index(place, self.shape[grid])
+    def neighbour(self, index, grid):
+        """Number of the active node at an index of a grid; -1 if there is none."""
+        number = self.linear_index(index, self.shape[grid])
         number = self.first_node[grid] + number if number >= 0 else -1
         if number >= 0 and self.active[number] == 0:
             number = -1
@@ -145,20 +145,20 @@ class NodeOperators:
     @ti.func
     def list_active_nodes(self, grid):
         """List the active nodes of a grid, in order."""
-        first, room = self.first_node[grid], self.nodes
+        first, capacity = self.first_node[grid], self.nodes
         if grid > 0:
-            room = self.first_row[grid + 1] - self.first_row[grid]
+            capacity = self.first_row[grid + 1] - self.first_row[grid]
         self.active_count[grid] = 0
         ti.loop_config(serialize=self.serial)
         for node in range(self.first_node[grid], self.first_node[grid + 1]):
             if self.active[node] > 0:
                 m = ti.atomic_add(self.active_count[grid], 1)
-                if m < room:
+                if m < capacity:
                     self.active_nodes[first + m] = node
-                    self.node_place[first + m] = self.coordinates(node - first, self.shape[grid])
+                    self.node_index[first + m] = self.coordinates(node - first, self.shape[grid])
                 else:
                     self.active[node] = 0
-        self.active_count[grid] = ti.min(self.active_count[grid], room)
+        self.active_count[grid] = ti.min(self.active_count[grid], capacity)
 
     @ti.kernel
     def _locate_particles(self):
@@ -182,18 +182,18 @@ class NodeOperators:
                 self.filled_number[cell] = ti.atomic_add(self.filled_count[None], 1)
                 self.filled_cells[self.filled_number[cell]] = cell
         for c in range(self.filled_count[None]):
-            place = self.coordinates(self.filled_cells[c], ti.Vector(self.bins.shape))
+            cell_index = self.coordinates(self.filled_cells[c], ti.Vector(self.bins.shape))
             for corner in ti.static(self.corners_of_a_cell):
-                self.active[self.linear_index(place + ti.Vector(corner), self.corners)] = 1
+                self.active[self.linear_index(cell_index + ti.Vector(corner), self.corners)] = 1
         self.list_active_nodes(0)
 
     @ti.kernel
     def _mark_active(self, grid: ti.i32):
         """Mark as active the nodes of a grid to which an active node of the finer grid contributes."""
         for m in range(self.active_count[grid - 1]):
-            place, rest = self.first_parent(self.node_place[self.first_node[grid - 1] + m], grid - 1)
+            parent, remainder = self.first_parent(self.node_index[self.first_node[grid - 1] + m], grid - 1)
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                number, weight = self.parent_and_weight(place, rest, corner, grid - 1)
+                number, weight = self.parent_and_weight(parent, remainder, corner, grid - 1)
                 if weight > 0.0:
                     self.active[number] = 1
         self.list_active_nodes(grid)
@@ -212,11 +212,11 @@ class NodeOperators:
     def _assemble_finest(self):
         """Assemble the diagonal blocks of grid 0."""
         for m in range(self.active_count[0]):
-            node, place = self.active_nodes[m], self.node_place[m]
+            node, index = self.active_nodes[m], self.node_index[m]
             I = ti.Matrix.identity(float, self.dimension)  # noqa: E741
             D = 0.0 * I
             for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                cell = self.linear_index(place - corner, ti.Vector(self.bins.shape))
+                cell = self.linear_index(index - corner, ti.Vector(self.bins.shape))
                 if cell >= 0:
                     for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
                         value, slope = self.shape_function(corner, self.fraction[i], 0)
@@ -238,13 +238,13 @@ class NodeOperators:
         return value, slope
 
     @ti.func
-    def set_neighbours(self, row, place, grid):
+    def set_neighbours(self, row, index, grid):
         """Set the neighbours of the node of a row on the finer grid, -1 where there is none, and on its own grid, where
-        a zero block of any node takes the place of a missing one, so that sums over the stencil need no test."""
+        a zero block of any node stands for a missing one, so that sums over the stencil need no test."""
         for k in range(self.stencil_points):
-            fine = self.neighbour(self.ratio[grid] * place + self.stencil_offset(k), grid - 1)
+            fine = self.neighbour(self.ratio[grid] * index + self.stencil_offset(k), grid - 1)
             self.finer[row, k] = fine if self.weights[grid, k] > 0.0 else -1
-            self.column[row, k] = self.neighbour(place + self.stencil_offset(k), grid)
+            self.column[row, k] = self.neighbour(index + self.stencil_offset(k), grid)
             if self.column[row, k] < 0:
                 self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
                 self.column[row, k] = self.first_node[grid]
@@ -266,18 +266,18 @@ class NodeOperators:
     def _sum_over_cells(self, grid: ti.i32):
         """Sum a, c and S over the cells above the nodes of a grid, and compute the centre of a."""
         for m in range(self.active_count[grid]):
-            node, place = self.active_nodes[self.first_node[grid] + m], self.node_place[self.first_node[grid] + m]
+            node, index = self.active_nodes[self.first_node[grid] + m], self.node_index[self.first_node[grid] + m]
             S = ti.Matrix.zero(float, self.dimension, self.dimension)
             shear, bulk, moment = ti.cast(0.0, float), ti.cast(0.0, float), ti.Vector.zero(float, self.dimension)
             if grid == 0:
-                cell = self.linear_index(place, ti.Vector(self.bins.shape))
+                cell = self.linear_index(index, ti.Vector(self.bins.shape))
                 if cell >= 0:
                     for i in range(self.bins.cell_start[cell], self.bins.cell_start[cell + 1]):
                         a_i, c_i, S_i = self.operator.stiffness(i)
                         shear, bulk, S, moment = shear + a_i, bulk + c_i, S + S_i, moment + a_i * self.fraction[i]
             else:
                 for corner in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
-                    inner = self.neighbour(self.ratio[grid] * place + corner, grid - 1)
+                    inner = self.neighbour(self.ratio[grid] * index + corner, grid - 1)
                     if (corner < self.ratio[grid]).all() and inner >= 0:
                         shear, bulk, S = shear + self.a[inner], bulk + self.c[inner], S + self.S[inner]
                         moment += self.a[inner] * (self.centre[inner] + corner) / self.ratio[grid]
@@ -289,27 +289,27 @@ class NodeOperators:
         """Assemble the stencils of a grid from the sums over the cells of the finer grid."""
         for m in range(self.active_count[grid]):
             node, row = self.active_nodes[self.first_node[grid] + m], self.first_row[grid] + m
-            place = self.node_place[self.first_node[grid] + m]
+            index = self.node_index[self.first_node[grid] + m]
             for k in range(self.stencil_points):
                 self.stencil[row, k] = ti.Matrix.zero(float, self.dimension, self.lanes)
             D = ti.Matrix.zero(float, self.dimension, self.dimension)
             ratio = self.ratio[grid]
             for offset in ti.grouped(ti.ndrange(*((-2, 2),) * self.dimension)):
-                at, cell = ratio * place + offset, -1
+                at, cell = ratio * index + offset, -1
                 if (offset >= -ratio).all() and (offset < ratio).all():
                     cell = self.neighbour(at, grid - 1)
                 if cell >= 0 and self.c[cell] > 0.0:
-                    corner = place - (at >> (ratio - 1))  # of the node in its cell
+                    corner = index - (at >> (ratio - 1))  # of the node in its cell
                     fraction = (self.centre[cell] + (at & (ratio - 1))) / ratio
                     value, slope = self.shape_function(corner, fraction, grid)
-                    shear, rest, S = self.a[cell], self.c[cell] - self.a[cell], value * self.S[cell]
+                    shear, bulk_rest, S = self.a[cell], self.c[cell] - self.a[cell], value * self.S[cell]
                     for other in ti.grouped(ti.ndrange(*((0, 2),) * self.dimension)):
                         v, s = self.shape_function(other, fraction, grid)
                         k, level = self.stencil_point(other - corner), shear * slope.dot(s)
                         for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
-                            block = shear * s[a] * slope[e] + rest * slope[a] * s[e] + v * S[a, e]
+                            block = shear * s[a] * slope[e] + bulk_rest * slope[a] * s[e] + v * S[a, e]
                             self.stencil[row, k][e, a] += block + level if ti.static(a == e) else block
             for e, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
                 D[a, e] = self.stencil[row, self.stencil_points // 2][e, a]
-            self.set_neighbours(row, place, grid)
+            self.set_neighbours(row, index, grid)
             self.set_inverse_diagonal(node, D)

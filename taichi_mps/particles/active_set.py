@@ -24,7 +24,7 @@ class ActiveSet:
     """Set of the rows that a step computes. ``standstill`` judges particles: ``is_at_rest(i)``, ``would_move(i)``,
     ``age(i, time)``.
 
-    ``whole``: whether the present step is taken by all; ``left_out``: particles that do not move in it;
+    ``is_full_step``: whether the present step is taken by all; ``left_out``: particles that do not move in it;
     ``mean_part_left_out``: their fraction of all particles, mean of all steps [-].
     """
 
@@ -38,7 +38,8 @@ class ActiveSet:
         self.must_update = ti.field(ti.i32, ())  # 1 where a boundary particle yields, or an active one is near the halo
         self.at_rest = ti.field(ti.i32, ())  # number of particles at rest
         self.kept_id = next(twin for field, twin in self.particles.twins if field is self.particles.id)
-        self.whole, self.left_out, self.excluded_time = True, 0, 0.0  # of the present step; since the set was found [s]
+        self.is_full_step, self.left_out = True, 0  # of the present step
+        self.excluded_time = 0.0  # since the set was found [s]
         self.rest_fraction, self.steps = 0.0, 0  # fraction at rest at the last step of all [-], steps since
         self.all_steps, self.mean_part_left_out = 0, 0.0
         self.particles.recall = self.recall
@@ -48,8 +49,8 @@ class ActiveSet:
         """Exclude particles at rest, or bring them back, and list the neighbours of the rows of this step, whose result
         is ``is_read`` or not."""
         self.steps += 1
-        self.whole = is_read or self.rest_fraction < MIN_EXCLUDED_FRACTION or self.steps >= FULL_STEP_INTERVAL
-        if self.whole:
+        self.is_full_step = is_read or self.rest_fraction < MIN_EXCLUDED_FRACTION or self.steps >= FULL_STEP_INTERVAL
+        if self.is_full_step:
             self.recall()
             self.neighbors.search()
         elif self.left_out and not self.needs_update():
@@ -61,10 +62,10 @@ class ActiveSet:
     def end_step(self, dt: float) -> None:
         """Update the counters after a step of dt [s]; after one of all particles, count those at rest."""
         self.excluded_time += dt
-        part = self.left_out / self.particles.number
+        fraction = self.left_out / self.particles.number
         self.all_steps += 1
-        self.mean_part_left_out += (part - self.mean_part_left_out) / self.all_steps
-        if self.whole and (self.steps >= FULL_STEP_INTERVAL or self.rest_fraction >= MIN_EXCLUDED_FRACTION):
+        self.mean_part_left_out += (fraction - self.mean_part_left_out) / self.all_steps
+        if self.is_full_step and (self.steps >= FULL_STEP_INTERVAL or self.rest_fraction >= MIN_EXCLUDED_FRACTION):
             self.steps = 0
             self.count_at_rest()
             flush()
@@ -102,7 +103,7 @@ class ActiveSet:
         boundary, halo, excluded = self.counts[None]
         if excluded < max(MIN_EXCLUDED_FRACTION * self.particles.count[None], halo):
             self.mark_all_active()
-            self.whole, self.rest_fraction = True, 0.0  # until it is counted again
+            self.is_full_step, self.rest_fraction = True, 0.0  # until it is counted again
         else:
             self.bins.arrange()
             self.exclude()
@@ -169,13 +170,13 @@ class ActiveSet:
                 self.particles.a[i] = ti.zero(self.particles.a[i])
         total, rows = self.particles.count[None], self.bins.cell_start[self.bins.cells]
         self.particles.count[None], self.particles.excluded[None] = rows, total - rows
-        kept = rows
+        halo_end = rows
         ti.loop_config(serialize=True)
         for i in range(rows):
             if self.particles.kind[i] == HALO:
                 for field, twin in ti.static(self.particles.twins):
-                    twin[kept] = field[i]
-                kept += 1
+                    twin[halo_end] = field[i]
+                halo_end += 1
 
     @stage("active set")
     def find_reactivated(self):
@@ -202,14 +203,14 @@ class ActiveSet:
 
     @stage("active set")
     def restore(self, time: float):
-        kept = self.particles.count[None]
-        for i in range(kept):
+        active = self.particles.count[None]
+        for i in range(active):
             if self.particles.kind[i] == HALO:
                 self.particles.source_row[self.particles.id[i]] = i
-        for k in range(kept, kept + self.counts[None][1]):
+        for k in range(active, active + self.counts[None][1]):
             for field, twin in ti.static(self.particles.twins):
                 field[self.particles.source_row[self.kept_id[k]]] = twin[k]
-        for i in range(kept + self.particles.excluded[None]):
+        for i in range(active + self.particles.excluded[None]):
             kind = self.particles.kind[i]
             if kind >= HALO:
                 self.standstill.age(i, time)

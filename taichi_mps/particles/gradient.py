@@ -227,10 +227,10 @@ class Gradient:
     @ti.func
     def in_plane(self, T):
         """Part of a tensor in the plane (r, z); the whole tensor in a scene that is not axisymmetric."""
-        part = ti.Matrix.zero(float, self.dimension, self.dimension)
+        block = ti.Matrix.zero(float, self.dimension, self.dimension)
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
-            part[a, c] = T[a, c]
-        return part
+            block[a, c] = T[a, c]
+        return block
 
     @ti.func
     def velocity_gradient(self, i, u: ti.template(), motion):

@@ -29,10 +29,10 @@ def kaiser_bessel(b: float) -> Callable:
 
     @ti.pyfunc
     def window(q):
-        rest = 1.0 - q * q
+        remainder = 1.0 - q * q
         total = 0.0 * q
         for factor in ti.static(series):
-            total = (total + factor) * rest
+            total = (total + factor) * remainder
         return total
 
     return window
@@ -68,8 +68,8 @@ def lattice_sums(
     axis = np.arange(-reach, reach + 1) * spacing
     points = np.stack(np.meshgrid(*[axis] * dimension), -1).reshape(-1, dimension)
     r = np.linalg.norm(points, axis=1)
-    near = (r > 0.5 * spacing) & (r < effective_radius)
-    r, height = r[near], points[near, 0]
+    in_reach = (r > 0.5 * spacing) & (r < effective_radius)
+    r, height = r[in_reach], points[in_reach, 0]
     w = weight(r / effective_radius)
     lam, surface_normal = (w * r * r).sum() / w.sum(), 0.5 * (w * np.abs(height) / r).sum()
     crowd = 1.0 + packing_kernel(r / effective_radius).sum()
@@ -159,9 +159,9 @@ def corner_table(
     distances = effective_radius * np.maximum(np.arange(entries), 1) / (entries - 1)
     table = np.ones((entries, entries, len(GHOST_SUMS)))
     each = _terms(ghosts, distances[:, None], spacing, effective_radius, weight, packing_kernel).swapaxes(0, 1)
-    for z, terms, left in zip(distances, each, table, strict=True):
+    for z, terms, remaining in zip(distances, each, table, strict=True):
         ahead = (1.0 - cosine**2) ** 0.5 * ghosts[:, 0] - cosine * (z + ghosts[:, -1])  # of the other wall [m]
         some = terms.sum(1) > 0.0
-        parts = np.clip((distances[:, None] + ahead) / spacing + 0.5, 0.0, 1.0)
-        left[:, some] = (terms[some, None] * parts).sum(2).T / terms[some].sum(1)
+        visible = np.clip((distances[:, None] + ahead) / spacing + 0.5, 0.0, 1.0)
+        remaining[:, some] = (terms[some, None] * visible).sum(2).T / terms[some].sum(1)
     return table

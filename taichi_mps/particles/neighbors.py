@@ -91,8 +91,8 @@ class Bins:
             for a in ti.static(range(self.dimension)):
                 if ti.static(self.periodic[a]):
                     x[a] -= self.size[a] * ti.floor((x[a] - self.low[a]) / self.size[a])
-                room = ti.static(1.0 if self.periodic[a] else 0.5)  # brought back, only what is no number is out
-                if not (ti.abs(x[a] - self.low[a] - 0.5 * self.size[a]) <= room * self.size[a]):
+                half_width = ti.static(1.0 if self.periodic[a] else 0.5)  # brought back, only what is no number is out
+                if not (ti.abs(x[a] - self.low[a] - 0.5 * self.size[a]) <= half_width * self.size[a]):
                     outside = 1
             ti.atomic_add(self.lost[None], outside)
             self.particles.x[i] = x
@@ -159,13 +159,13 @@ class NeighborList:
         d = ti.static(self.bins.dimension)
         shape = ti.static(self.bins.shape)
         reach2 = self.bins.reach**2
-        found, wet = 0, 0
+        listed, wet = 0, 0
         first = self.row_start[i]
         for offset in ti.grouped(ti.ndrange(*((-1, 2),) * (d - 1))):
-            near = c
+            neighbour_cell = c
             for a in ti.static(range(d - 1)):
-                near[a] += offset[a]
-            row = wrapped_number(near, shape, ti.static(self.bins.periodic[: d - 1]))
+                neighbour_cell[a] += offset[a]
+            row = wrapped_number(neighbour_cell, shape, ti.static(self.bins.periodic[: d - 1]))
             if row >= 0:
                 end = ti.static(shape[d - 1] - 1)
                 for wrapped in ti.static(range(2 if self.bins.periodic[d - 1] else 1)):
@@ -181,22 +181,22 @@ class NeighborList:
                         r = self.bins.displacement(x, self.particles.x[j])
                         if j != i and r.dot(r) < reach2:
                             if ti.static(fill):
-                                self.column[ti.min(first + found, self.pair_capacity - 1)] = j
-                            found += 1
+                                self.column[ti.min(first + listed, self.pair_capacity - 1)] = j
+                            listed += 1
                             if ti.static(self.leaves_out_walls):
                                 wet += self.particles.kind[j] == FLUID
         if ti.static(self.leaves_out_walls):  # noqa: SIM102  (a compiled choice stays apart)
             if self.particles.kind[i] == WALL and wet == 0:
-                found = 0
-        return found
+                listed = 0
+        return listed
 
     @ti.func
     def _pairs_of(self, i, fill: ti.template()):
         """Return the number of neighbours that are listed for i."""
-        found = 0
+        listed = 0
         if ti.static(not self.leaves_out_walls) or self.particles.kind[i] != DUMMY:
-            found = self._scan(i, fill)
-        return found
+            listed = self._scan(i, fill)
+        return listed
 
     @stage("neighbours")
     def list(self):
@@ -248,8 +248,8 @@ class NeighborList:
         """Whether a particle has gone more than half of the skin since the list was made."""
         self.outdated[None] = 0
         for i in range(self.particles.count[None]):
-            way = self.bins.displacement(self.listed_at[i], self.particles.x[i])
-            if not (way.dot(way) <= (0.5 * self.skin) ** 2):  # a position that is no number, too
+            displacement = self.bins.displacement(self.listed_at[i], self.particles.x[i])
+            if not (displacement.dot(displacement) <= (0.5 * self.skin) ** 2):  # a position that is no number, too
                 self.outdated[None] = 1
 
     def state(self) -> dict:

@@ -57,14 +57,14 @@ class Particles:
             "vector": lambda: ti.Vector.field(d, real()),
             "tensor": lambda: ti.Matrix.field(t, t, real()),
         }
-        wanted = ALWAYS | (RING if axisymmetric else {}) | carried
+        specs = ALWAYS | (RING if axisymmetric else {}) | carried
 
         def make(name):
-            return double_field(self.capacity, d) if name == "x" else makers[wanted[name].shape]()
+            return double_field(self.capacity, d) if name == "x" else makers[specs[name].shape]()
 
-        self.carried = {name: make(name) for name in wanted}
-        self.carries_stress = "stress" in wanted
-        twin = {name: make(name) for name in wanted}  # scratch of the reorder
+        self.carried = {name: make(name) for name in specs}
+        self.carries_stress = "stress" in specs
+        twin = {name: make(name) for name in specs}  # scratch of the reorder
         self.twins = [(field, twin[name]) for name, field in self.carried.items()]
         for name, field in self.carried.items():
             setattr(self, name, field)
@@ -73,8 +73,8 @@ class Particles:
         self.excluded = ti.field(ti.i32, ())  # fluid particles behind them, which a step excludes
         self.recall = no_op  # bring these back
         self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
-        others = [field for pair in self.twins if pair[0] is not self.x for field in pair]
-        for field in (*others, self.source_row):
+        all_but_x = [field for pair in self.twins if pair[0] is not self.x for field in pair]
+        for field in (*all_but_x, self.source_row):
             ti.root.dense(ti.i, self.capacity).place(field)
         self.rows = FieldIO(self.carried, self.capacity)
         self.load({**start, "id": np.arange(n)} | ({"ring": volumes} if axisymmetric else {}))

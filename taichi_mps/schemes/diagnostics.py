@@ -59,7 +59,7 @@ class Diagnostics:
         (
             count,
             speed2,
-            whole,
+            total_volume,
             volume_speed2,
             volume_speed4,
             energy,
@@ -73,7 +73,7 @@ class Diagnostics:
             volume_frame_speed2,
         ) = numbers[:SUMS]
         solves, ratio, status = numbers[SUMS:-RESIDUALS]
-        self.enclosed = volume / whole if whole else 0.0
+        self.enclosed = volume / total_volume if total_volume else 0.0
         self.lost_volume = volume_many - volume_many**2 / packing_many if volume_many else 0.0
         self.solve_status = STATUS[int(status)]
         residuals = self.residuals.of(numbers[-RESIDUALS:]) if self.residuals else (math.nan, math.nan)
@@ -83,12 +83,12 @@ class Diagnostics:
             dt=dt,
             dt_limit="",
             max_speed=math.sqrt(speed2),
-            mean_speed=math.sqrt(volume_speed2 / whole) if whole else 0.0,
+            mean_speed=math.sqrt(volume_speed2 / total_volume) if total_volume else 0.0,
             moving_speed=math.sqrt(volume_speed4 / volume_frame_speed2) if volume_frame_speed2 else 0.0,
-            acceleration=math.sqrt(volume_acceleration2 / whole) if whole else 0.0,
+            acceleration=math.sqrt(volume_acceleration2 / total_volume) if total_volume else 0.0,
             kinetic_energy=0.5 * energy,
             unyielded_fraction=unyielded / count,
-            flowing_fraction=flowing / whole if whole else 0.0,
+            flowing_fraction=flowing / total_volume if total_volume else 0.0,
             outer_iterations=iterations,
             solver_iterations=int(solves),
             residual=abs(ratio) ** 0.5,
@@ -115,7 +115,7 @@ class Diagnostics:
     def _add(self, sums: ti.types.ndarray(ti.f64, 1)):
         ti.loop_config(serialize=self.lanes == 1)
         for lane in range(self.lanes):
-            found = ti.Vector.zero(ti.f64, SUMS)
+            lane_sums = ti.Vector.zero(ti.f64, SUMS)
             for k in range((self.particles.count[None] - lane + self.lanes - 1) // self.lanes):
                 i = lane + k * self.lanes
                 if self.particles.kind[i] == FLUID:
@@ -123,32 +123,32 @@ class Diagnostics:
                     u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
                     if not (u2 < SPEED2_IF_NOT_FINITE):
                         u2 = SPEED2_IF_NOT_FINITE
-                    found[0] += 1
-                    found[1] = ti.max(found[1], u2)
-                    found[2] += volume
-                    found[3] += volume * u2
+                    lane_sums[0] += 1
+                    lane_sums[1] = ti.max(lane_sums[1], u2)
+                    lane_sums[2] += volume
+                    lane_sums[3] += volume * u2
                     v2 = ti.cast((self.particles.u[i] - ti.Vector(self.frame, dt=float)).norm_sqr(), ti.f64)
                     if not (v2 < SPEED2_IF_NOT_FINITE):
                         v2 = SPEED2_IF_NOT_FINITE
-                    found[4] += volume * v2 * v2
-                    found[13] += volume * v2
-                    found[5] += volume * u2 * self.material.density_of(i)
-                    found[6] += 1 - self.yielded[i]
+                    lane_sums[4] += volume * v2 * v2
+                    lane_sums[13] += volume * v2
+                    lane_sums[5] += volume * u2 * self.material.density_of(i)
+                    lane_sums[6] += 1 - self.yielded[i]
                     if self.gradient.enclosed(i):
-                        found[7] += volume * self.gradient.packing[i]
-                        found[8] += volume
+                        lane_sums[7] += volume * self.gradient.packing[i]
+                        lane_sums[8] += volume
                     if self.gradient.neighbour_count[i] >= self.nearly_all:
-                        found[9] += volume * self.gradient.packing[i]
-                        found[10] += volume
+                        lane_sums[9] += volume * self.gradient.packing[i]
+                        lane_sums[10] += volume
                     if ti.static(self.accelerates):
-                        found[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
+                        lane_sums[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
                     if self.material.flows(i, self.particles.shear_rate[i]):
-                        found[12] += volume
+                        lane_sums[12] += volume
             for n in ti.static(range(SUMS)):
                 if ti.static(n == 1):
-                    ti.atomic_max(sums[n], found[n])
+                    ti.atomic_max(sums[n], lane_sums[n])
                 else:
-                    sums[n] += found[n]
+                    sums[n] += lane_sums[n]
         sums[SUMS] = self.iterations[None]
         if self.solver.reference[None] != 0.0:
             sums[SUMS + 1] = self.solver.rz[None] / self.solver.reference[None]

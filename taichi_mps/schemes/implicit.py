@@ -47,7 +47,7 @@ class Implicit(Scheme):
         directions = free_directions(scene, problem.numerics.walls)
         drifts = directions.any()
         self.may_be_full = problem.may_be_full(to_come)
-        stands = may_stand(problem, self.particles, walls) and not drifts
+        may_stand_still = may_stand(problem, self.particles, walls) and not drifts
 
         self.pressure = Pressure(fluid, constants)
         self.strain_rate = StrainRate(fluid, sums)
@@ -111,11 +111,11 @@ class Implicit(Scheme):
             "wake",
             search=lambda _is_read: self.neighbors.search(),
             state=dict,
-            whole=True,
+            is_full_step=True,
             left_out=0,
             mean_part_left_out=0.0,
         )
-        if stands:
+        if may_stand_still:
             ahead = FULL_STEP_INTERVAL * self.numerics.courant_number * scene.spacing
             standstill = Standstill(fluid, constants, self.stress, self.pressure, problem, ahead)
             self.active_set = ActiveSet(self.neighbors, standstill)
@@ -166,7 +166,7 @@ class Implicit(Scheme):
         """Set pressure, viscosity and resistances from the last velocity, and the correction of the resistances."""
         self.pressure.smooth(dt)
         self.friction.set_initial_slip(dt)
-        self.pressure.find_closed_box(int(self.active_set.whole and self.may_be_full))
+        self.pressure.find_closed_box(int(self.active_set.is_full_step and self.may_be_full))
         self.wall_stress.set_drive_and_weight()
         self.strain_rate.evaluate(dt)
         self.stress.set_viscosity()
@@ -256,12 +256,12 @@ class Implicit(Scheme):
             self.neighbors.search()
             self.gradient.build()
             self.stress.find_yielded()
-            self.wall_loads.up_to_date, self.active_set.whole = False, True
+            self.wall_loads.up_to_date, self.active_set.is_full_step = False, True
 
     @property
     def all_active(self) -> bool:
         """Whether all particles took part in the last step."""
-        return self.active_set.whole
+        return self.active_set.is_full_step
 
     @property
     def left_out(self) -> float:

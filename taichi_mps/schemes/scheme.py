@@ -101,8 +101,8 @@ class Discretisation:
         self.lattice = lattice_sums(d, scene.spacing, problem.effective_radius, *kernels(problem))
         skin = SKIN * scene.spacing if problem.scheme == "semi-implicit" else 0.0
         bins = Bins(self.particles, scene.domain, scene.periodic, problem.effective_radius + skin)
-        room = int(pairs_per_particle * self.lattice.neighbours * self.particles.capacity) + 64
-        self.neighbors = NeighborList(bins, room, skin)
+        pair_capacity = int(pairs_per_particle * self.lattice.neighbours * self.particles.capacity) + 64
+        self.neighbors = NeighborList(bins, pair_capacity, skin)
         self.walls = boundaries.Walls(
             walls,
             d,

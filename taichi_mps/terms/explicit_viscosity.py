@@ -93,11 +93,11 @@ class ExplicitViscosity(Term):
     @ti.func
     def gradient_of_Lambda(self, i):  # noqa: N802
         """dLambda/dx_j [Pa s/m] at i (eq 11) over fluid particles."""
-        own = self.Lambda[i]
+        Lambda_i = self.Lambda[i]
         total = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
-            jump = self.Lambda[j] - own if self.particles.kind[j] == FLUID else 0.0
+            jump = self.Lambda[j] - Lambda_i if self.particles.kind[j] == FLUID else 0.0
             total += jump * self.gradient.b[k]
         return (self.dimension / self.gradient.n0) * total
 

@@ -42,8 +42,8 @@ class HourglassResistance(Term):
     def __init__(self, fluid, constants, strain_rate, pressure, stress):
         super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, stress=stress)
         self.law, self.in_space = stress.law, self.dimension == 3
-        # that of a thin fluid, all of it [Pa s], and 2 V/n0 times all of it [N s m]
-        self.thin, self.whole, self.h = (ti.field(real(), self.capacity) for _ in range(3))
+        # resistance of a thin fluid and in all [Pa s], and 2 V/n0 times the latter [N s m]
+        self.thin_viscosity, self.viscosity, self.h = (ti.field(real(), self.capacity) for _ in range(3))
 
     @stage("prepare")
     def set(self, dt: float, first: ti.i32):
@@ -54,35 +54,39 @@ class HourglassResistance(Term):
             # Without a yield stress a thin fluid has 64 times as much at rest, less where the velocity gradient strains
             # or turns it in a step, and no more than elsewhere from 0.002 on and in a full closed box, where nothing
             # settles
-            thin = self.constants.inertial[m]
+            thin_viscosity = self.constants.inertial[m]
             if ti.static(self.law == "newtonian"):
-                rest = 1.0 - ti.min(1.0, 2.0**0.5 * self.strain_rate.velocity_gradient(i).norm() * dt / MOVING_STRAIN)
-                thin *= 1.0 + (REST_FACTOR - 1.0) * rest**2 * (1 - self.pressure.full[None])
-            h = BOND_DISSIPATION * self.constants.eta[m] + thin
+                rigid_fraction = 1.0 - ti.min(
+                    1.0, 2.0**0.5 * self.strain_rate.velocity_gradient(i).norm() * dt / MOVING_STRAIN
+                )
+                thin_viscosity *= 1.0 + (REST_FACTOR - 1.0) * rigid_fraction**2 * (1 - self.pressure.full[None])
+            h = BOND_DISSIPATION * self.constants.eta[m] + thin_viscosity
             if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
                 if first == 0:
                     rate, residual = self.strain_rate.rate[i], self.strain_rate.residual[i]
-                    own = ti.min(1.0, self.constants.own_step[None] / dt)
-                    min_rate = self.constants.min_bond_rate[None] * (ti.sqrt(own) if ti.static(self.in_space) else own)
+                    step_ratio = ti.min(1.0, self.constants.own_step[None] / dt)
+                    min_rate = self.constants.min_bond_rate[None] * (
+                        ti.sqrt(step_ratio) if ti.static(self.in_space) else step_ratio
+                    )
                     bond_rate = ti.max(
                         ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * PLUG_EDGE_FACTOR * residual), min_rate
                     )
                     if ti.static(self.stress.has_curve):
-                        h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + thin
+                        h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + thin_viscosity
                     else:
                         h += BOND_DISSIPATION * self.stress.yield_stress(i) / bond_rate
             if ti.static(self.stress.mixes > 1):
-                mu = (h - thin) / BOND_DISSIPATION
-                h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + thin
-            whole = ti.max(h, SETTLING * self.pressure.p[i] * dt)
-            self.thin[i], self.whole[i] = thin, whole
-            self.h[i] = 2.0 * self.particles.volume(i) * whole / self.gradient.full_weight(i)
+                mu = (h - thin_viscosity) / BOND_DISSIPATION
+                h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + thin_viscosity
+            viscosity = ti.max(h, SETTLING * self.pressure.p[i] * dt)
+            self.thin_viscosity[i], self.viscosity[i] = thin_viscosity, viscosity
+            self.h[i] = 2.0 * self.particles.volume(i) * viscosity / self.gradient.full_weight(i)
 
     @ti.func
     def flowing(self):
         """Resistance of the first mix where it flows, with the plastic viscosity alone [N s m]."""
-        whole = BOND_DISSIPATION * self.constants.eta[0] + self.constants.inertial[0]
-        return 2.0 * self.particles.volume(0) * whole / self.gradient.full_weight(0)
+        viscosity = BOND_DISSIPATION * self.constants.eta[0] + self.constants.inertial[0]
+        return 2.0 * self.particles.volume(0) * viscosity / self.gradient.full_weight(0)
 
 
 @ti.data_oriented

@@ -49,12 +49,12 @@ class Interface(Term):
                 if self.other(i, k):
                     m += self.gradient.b[k]
             n = m / ti.max(m.norm(), 1e-20)
-            v, share = self.gradient.B[i] @ n, ti.cast(0.0, float)
+            v, fraction = self.gradient.B[i] @ n, ti.cast(0.0, float)
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 if self.other(i, k):
-                    share += self.bond_share(k, n, v)
+                    fraction += self.bond_share(k, n, v)
             self.normal[i] = n
-            self.other_fraction[i] = ti.max(0.0, ti.min(1.0, share))
+            self.other_fraction[i] = ti.max(0.0, ti.min(1.0, fraction))
 
     @stage("interface")
     def gather(self, fluidity: ti.template()):

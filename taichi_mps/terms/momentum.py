@@ -217,8 +217,8 @@ class MomentumSource(Term):
         for i in range(self.particles.count[None]):
             if self.operator.unknown(i):
                 volume, weight = self.particles.volume(i), self.constants.weight_of(i)
-                own = volume * (self.operator.inertia[i] * self.particles.u[i] + weight)
-                b[i] += own + self.sums.force(i)
+                inertia_and_weight = volume * (self.operator.inertia[i] * self.particles.u[i] + weight)
+                b[i] += inertia_and_weight + self.sums.force(i)
                 if ti.static(len(self.walls.surfaces) > 0):
                     heavy = weight * self.constants.pressure_ramp(self.pressure.p[i])
                     size = self.gradient.cross_section_ratio(i)

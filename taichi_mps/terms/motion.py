@@ -165,11 +165,11 @@ class Standstill(Term):
     def is_at_rest(self, i):
         """Whether particle i is slow, no wall that moves is near it, and the fluid is no full closed box."""
         slow = self.particles.u[i].norm_sqr() < self.max_speed**2 and self.pressure.full[None] == 0
-        still = slow and self.particles.kind[i] == FLUID
+        at_rest = slow and self.particles.kind[i] == FLUID
         for wall in ti.static(self.walls.surfaces):
             if ti.static(wall.drives):
-                still = still and not wall.drives_near(self.particles.x[i], self.walls.effective_radius, self.ahead)
-        return still
+                at_rest = at_rest and not wall.drives_near(self.particles.x[i], self.walls.effective_radius, self.ahead)
+        return at_rest
 
     @ti.func
     def would_move(self, i):

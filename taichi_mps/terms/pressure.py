@@ -37,16 +37,16 @@ class Pressure(Term):
         part. Where i carries none it stays p_i."""
         x = self.particles.x[i]
         total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
-        own = self.constants.density[self.constants.mix(i)]
+        density_i = self.constants.density[self.constants.mix(i)]
         g = ti.cast(self.constants.gravity_at(i), float) * self.constants.pressure_ramp(pressure[i])
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if self.gradient.B[j][0, 0] > 0.0:
                 r = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
                 w = self.gradient.weight_r2[k] * r.dot(r)
-                density = own
+                density = density_i
                 if ti.static(self.constants.mixes > 1):
-                    density = 0.5 * (own + self.constants.density[self.constants.mix(j)])
+                    density = 0.5 * (density_i + self.constants.density[self.constants.mix(j)])
                 total += w * (pressure[j] - density * g.dot(r))
                 weight += w
         p = pressure[i]
@@ -78,11 +78,11 @@ class Pressure(Term):
         return ti.cast(self.gradient.neighbour_count[i] < 0.75 * self.gradient.full, ti.i32)
 
     @stage("smooth pressure")
-    def find_closed_box(self, whole: ti.i32):
+    def find_closed_box(self, may_change: ti.i32):
         """Whether this is a full closed box, without a surface: particles with a gap that have ``dimension`` of them
-        around; in a step that is not of the ``whole`` fluid, or in a vessel that has room, it stays what it was."""
+        around. It stays what it was unless it ``may_change``: in a step of all particles, where the vessel may fill."""
         ti.loop_config(serialize=True)
-        for _ in range(whole):
+        for _ in range(may_change):
             surface, gaps, rows = 0, 0, 0
             for i in range(self.particles.count[None]):
                 if self.gradient.B[i][0, 0] > 0.0:
@@ -119,12 +119,12 @@ class Pressure(Term):
                     if self.gradient.B[i][0, 0] > 0.0:
                         max_rate = ti.max(max_rate, self.particles.shear_rate[i])
                         speed2 = ti.max(speed2, (self.particles.u[i] - mean_u).norm_sqr())
-                wanted = ti.cast(0.0, float)
+                target = ti.cast(0.0, float)
                 for m in range(self.constants.mixes):
                     stress = self.constants.eta[m] * max_rate + self.constants.tau_y[m]
-                    wanted = ti.max(wanted, COMPRESSION * stress + self.constants.density[m] * speed2)
+                    target = ti.max(target, COMPRESSION * stress + self.constants.density[m] * speed2)
                 for i in range(self.particles.count[None]):
-                    self.p[i] += wanted - mean_p
+                    self.p[i] += target - mean_p
 
     @stage("stress")
     def update_multiplier(self, rate: ti.template(), constraint: ti.template()):

@@ -87,8 +87,8 @@ class PressurePoisson(Term):
             if self.carries(i):
                 excess = (self.gradient.n[i] - self.n0) / self.n0
                 if ti.static(self.mixed):
-                    part = ti.min(DENSITY_PART, DENSITY_RATE * dt)
-                    source = self.density / dt * (part / dt * excess - self.divergence(i))
+                    density_weight = ti.min(DENSITY_PART, DENSITY_RATE * dt)
+                    source = self.density / dt * (density_weight / dt * excess - self.divergence(i))
                 else:
                     source = self.density / (dt * dt) * excess
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):

@@ -36,7 +36,7 @@ class Residuals(Term):
             self.sums[None] = ti.Vector.zero(ti.f64, 3)
         ti.loop_config(serialize=self.lanes == 1)
         for lane in range(self.lanes):
-            found = ti.Vector.zero(ti.f64, 3)
+            lane_sums = ti.Vector.zero(ti.f64, 3)
             for k in range((self.particles.count[None] - lane + self.lanes - 1) // self.lanes):
                 i = lane + k * self.lanes
                 if self.particles.kind[i] == FLUID and self.gradient.B[i][0, 0] > 0.0:
@@ -46,5 +46,5 @@ class Residuals(Term):
                         D = deviator(G - self.stress.strain_rate.half_step_change(i))
                         departure = 2.0 * magnitude(D - self.particles.plastic_rate[i])
                     excess = G.trace() - self.constraint.divergence[i]
-                    found += volume * ti.Vector([1.0, departure**2, excess**2], dt=ti.f64)
-            self.sums[None] += found
+                    lane_sums += volume * ti.Vector([1.0, departure**2, excess**2], dt=ti.f64)
+            self.sums[None] += lane_sums

@@ -70,7 +70,7 @@ def compiled(function, numbers=None):
 def illinois(excess: ti.template(), law: ti.template(), i, numbers, high, below):
     """Rate [1/s] at which excess(law, i, rate, numbers), which is ``below`` 0 at rest and grows with the rate, is zero:
     a root between 0 and ``high``, by the Illinois method."""
-    low, rate, above, side = ti.cast(0.0, float), high, ti.cast(0.0, float), 0
+    low, rate, above, last_side = ti.cast(0.0, float), high, ti.cast(0.0, float), 0
     for turn in range(31):
         if turn == 0 or (ti.abs(high - low) > 1e-6 * high and above > below):
             if turn > 0:
@@ -80,12 +80,12 @@ def illinois(excess: ti.template(), law: ti.template(), i, numbers, high, below)
                 above = value
             elif value > 0.0:
                 high, above = rate, value
-                below = ti.select(side == 1, 0.5 * below, below)
-                side = 1
+                below = ti.select(last_side == 1, 0.5 * below, below)
+                last_side = 1
             else:
                 low, below = rate, value
-                above = ti.select(side == -1, 0.5 * above, above)
-                side = -1
+                above = ti.select(last_side == -1, 0.5 * above, above)
+                last_side = -1
     return rate
 
 
@@ -149,8 +149,8 @@ def series_mapping(law: ti.template(), i, trial, across, mu_r, other_fraction, o
         high = ti.max(0.0, (magnitude(trial) - yield_stress) / ((1.0 - other_fraction) * mu_r))
         rate = illinois(series_excess, law, i, numbers, high, yield_stress - trial_magnitude)
     _tau, along_over, across_over = parts_in_series(law, i, rate, numbers)
-    ours, both = 1.0 / along_over, 1.0 / across_over
-    stress = trial * ours + across * (both - ours)
+    along_factor, across_factor = 1.0 / along_over, 1.0 / across_over
+    stress = trial * along_factor + across * (across_factor - along_factor)
     return stress, (trial - stress) / (2.0 * mu_r), rate
 
 
@@ -169,10 +169,10 @@ def return_mapping(trial, plastic_viscosity, yield_value, mu_r, variation=0.0):
     over = trial_magnitude - yield_value + variation
     if variation > 1e-6 * yield_value and over > 0.0:
         # rate = x^2/part and x + mu_r rate = over, of x = tau - tau_y + variation
-        part = 4.0 * variation * plastic_viscosity
-        x = 2.0 * over / (1.0 + ti.sqrt(1.0 + 4.0 * mu_r * over / part))
+        scale = 4.0 * variation * plastic_viscosity
+        x = 2.0 * over / (1.0 + ti.sqrt(1.0 + 4.0 * mu_r * over / scale))
         if x < 2.0 * variation:
-            rate = x * x / part
+            rate = x * x / scale
             factor = (trial_magnitude - mu_r * rate) / ti.max(trial_magnitude, 1e-12)
     stress = trial * factor
     return stress, (trial - stress) / (2.0 * mu_r), rate
@@ -196,10 +196,10 @@ class OwnLaw:
         try:
             stress, rise = self.evaluate(RATES, np.zeros_like(RATES))
         except Exception as error:  # whatever compiling or calling a function of somebody else raises
-            said = [line for line in str(error).splitlines() if line.strip()] or [""]
+            lines = [line for line in str(error).splitlines() if line.strip()] or [""]
             raise SceneError(
                 f"{self._named}{f', {self._growth_named}' if self.has_growth else ''}: cannot be compiled "
-                f"({type(error).__name__}: {said[-1].strip()}); must be plain arithmetic of (rate, structure)"
+                f"({type(error).__name__}: {lines[-1].strip()}); must be plain arithmetic of (rate, structure)"
             ) from None
         broken = self._broken(RATES, np.zeros_like(RATES), stress, rise)
         falls = np.flatnonzero(np.diff(stress) < -FALL * stress.max()) if not broken else []

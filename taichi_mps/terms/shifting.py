@@ -45,27 +45,29 @@ class Shifting(Term):
         (h_0/h)^2 of the shift, none beside a surface; h is the hourglass ``resistance``, h_0 that of a thin fluid [Pa
         s]: what is viscous would lose angular momentum by it. A yield stress holds particles in their places."""
         for i in range(self.particles.count[None]):
-            thin, whole = resistance.thin[i], resistance.whole[i]
+            thin_viscosity, viscosity = resistance.thin_viscosity[i], resistance.viscosity[i]
             if ti.static(self.shifts_in_tension):
-                part = ti.cast(0.0, float)
+                fraction = ti.cast(0.0, float)
                 if self.gradient.neighbour_count[i] >= INTERIOR * self.gradient.full:
-                    part = (
-                        ti.max(0.0, ti.min(1.0, -TENSION_FACTOR * self.particles.p[i] * dt / whole))
-                        * (thin / whole) ** 2
+                    fraction = (
+                        ti.max(0.0, ti.min(1.0, -TENSION_FACTOR * self.particles.p[i] * dt / viscosity))
+                        * (thin_viscosity / viscosity) ** 2
                     )
-                self.tension[i] = part
+                self.tension[i] = fraction
             tension = 1.0 - pressure.p[i] / ti.max(stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9)
-            viscous = (1.0 - thin / whole) * (1 - pressure.full[None])  # a full closed box is kept out of tension
+            viscous = (1.0 - thin_viscosity / viscosity) * (
+                1 - pressure.full[None]
+            )  # a full closed box is kept out of tension
             self.stretched[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
 
     @ti.func
     def correction_fraction(self, i, dt, strain):
         """Fraction of the shift, and of the wanted divergence, that is applied to particle i in a step of dt [s]: 0 at
         rest to 1 where it strains the material by ``strain`` [-], or the fraction that tension calls for."""
-        part = self.deformation_fraction(i, dt, strain)
+        fraction = self.deformation_fraction(i, dt, strain)
         if ti.static(self.shifts_in_tension):
-            part = ti.max(part, self.tension[i])
-        return part
+            fraction = ti.max(fraction, self.tension[i])
+        return fraction
 
     @stage("shift")
     def compute(self, dt: float, strain: float, least: float):
@@ -79,7 +81,7 @@ class Shifting(Term):
             if self.particles.kind[i] == FLUID:
                 x = self.particles.x[i]
                 l0 = self.spacing * ti.sqrt(self.gradient.cross_section_ratio(i))  # of rings as thin as this one
-                near, apart = ti.Vector.zero(float, d), ti.Vector.zero(float, d)
+                crowding, apart = ti.Vector.zero(float, d), ti.Vector.zero(float, d)
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     j = self.neighbors.column[k]
                     r_ij = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
@@ -87,26 +89,26 @@ class Shifting(Term):
                     e = r_ij / r
                     if ti.static(len(self.walls.separating) > 0):
                         e *= ti.cast(self.gradient.weight_r2[k] > 0.0, float)  # not through a thin wall
-                    near += self.gradient.cross_section_ratio(j) * ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
+                    crowding += self.gradient.cross_section_ratio(j) * ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
-                near /= self.gradient.cross_section_ratio(i)
+                crowding /= self.gradient.cross_section_ratio(i)
                 if ti.static(len(self.walls.surfaces) > 0):
-                    near += self.walls.crowding(i, x, self.gradient.cross_section_ratio(i))
+                    crowding += self.walls.crowding(i, x, self.gradient.cross_section_ratio(i))
                 perturbation = self.perturbation(x)
                 deforming = ti.max(least, self.deformation_fraction(i, dt, strain))
-                part = deforming
+                fraction = deforming
                 if ti.static(self.shifts_in_tension):
                     perturbation *= ti.min(1.0, deforming / ti.max(self.tension[i], 1e-12))
-                    part = ti.max(deforming, self.tension[i])
+                    fraction = ti.max(deforming, self.tension[i])
                 spreading = SHIFT_COEFFICIENT + (TENSION_SHIFT_COEFFICIENT - SHIFT_COEFFICIENT) * self.stretched[i]
-                move = -spreading * l0 * near + PERTURBATION * l0 * perturbation
+                move = -spreading * l0 * crowding + PERTURBATION * l0 * perturbation
                 inward = self.gradient.surface_normal[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
                 if self.gradient.neighbour_count[i] < INTERIOR * self.gradient.full:
                     move -= ti.max(move.dot(outward), 0.0) * outward
                 if self.gradient.neighbour_count[i] < 0.5 * self.gradient.full:
                     move *= 0.0
-                move *= part
+                move *= fraction
                 self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + deforming * apart
 
     @stage("shift")
@@ -181,8 +183,8 @@ def is_uneven(fluid) -> bool:
         ratio = particles["ring"] / (2.0 * np.pi * np.maximum(x[:, 0], 1e-30) * spacing**2)
     r = np.linalg.norm(r_ij, axis=1)
     pushes = ratio[j] / ratio[i] * np.maximum(0.0, 1.0 - r / (1.5 * spacing * np.sqrt(ratio[i])))
-    near = np.add.reduceat(pushes[:, None] * r_ij / np.maximum(r, 1e-30)[:, None], first)
-    return bool((near**2).sum(1).mean() > MAX_UNEVENNESS)
+    crowding = np.add.reduceat(pushes[:, None] * r_ij / np.maximum(r, 1e-30)[:, None], first)
+    return bool((crowding**2).sum(1).mean() > MAX_UNEVENNESS)
 
 
 @ti.data_oriented

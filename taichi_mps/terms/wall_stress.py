@@ -103,9 +103,9 @@ class WallStress(Term):
             size = self.stress.shear_stress_magnitude(i, self.stress.viscosity(i, self.particles.shear_rate[i]))
             over = ti.max(0.0, size - self.stress.yield_stress(i))
             self.weight[i] = self.excess_weight(i, ti.sqrt(over / ti.max(self.half_layer_stress(i), 1e-12)), size)
-            share = self.weight[i]
+            flowing_fraction = self.weight[i]
             if ti.static(self.stress.averages):  # the fraction of the layer up to the next row that flows
-                share = ti.min(share, over / ti.max(2.0 * self.half_layer_stress(i), 1e-12))
+                flowing_fraction = ti.min(flowing_fraction, over / ti.max(2.0 * self.half_layer_stress(i), 1e-12))
             # part of the drive that the stress along a concave wall bears, half of it in a pipe [-]; left out at a
             # convex wall, along which a drive hardly ever acts
             bent = ti.cast(0.0, float)
@@ -115,7 +115,7 @@ class WallStress(Term):
                         _z, _n, _v, k = wall.face(i, self.particles.x[i], self.walls.slots[f])
                         borne = k * size * self.gradient.spacing / ti.max(2.0 * self.half_layer_stress(i), 1e-12)
                         bent = ti.max(0.0, ti.min(1.0, borne))
-            curvature = -share * (1.0 - bent) * self.drive[i] / ti.max(self.stress.slope(i), 1e-12)
+            curvature = -flowing_fraction * (1.0 - bent) * self.drive[i] / ti.max(self.stress.slope(i), 1e-12)
             self.walls.velocity_curvature[i] = 0.25 * self.gradient.spacing * curvature
 
     @ti.func
@@ -150,10 +150,10 @@ class WallStress(Term):
     @ti.func
     def touches_wall(self, i):
         """Whether particle i is in reach of a wall that holds it."""
-        near = False
+        in_reach = False
         for f, _wall in ti.static(self.walls.select_faces(None, "resists_slip")):
-            near = near or self.walls.c[i, f] > 0.0
-        return near
+            in_reach = in_reach or self.walls.c[i, f] > 0.0
+        return in_reach
 
     @ti.func
     def half_layer_stress(self, i):

@@ -175,7 +175,7 @@ def test_the_shift_grows_with_tension(free_default):
     dt = free_default.step().dt
     after = free_default.particles.read()["id"]
     count, p = len(after), before["p"][np.argsort(before["id"])][after]
-    h = scheme.resistance.whole.to_numpy()[:count]
+    h = scheme.resistance.viscosity.to_numpy()[:count]
     part = scheme.shifting.tension.to_numpy()[:count]
     inside = scheme.gradient.neighbour_count.to_numpy()[:count] >= 0.97 * scheme.gradient.full
     thin = (scheme.constants.inertial[0] / h) ** 2
