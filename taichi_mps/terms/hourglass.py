@@ -56,18 +56,16 @@ class HourglassResistance(Term):
             # settles
             thin_viscosity = self.constants.inertial[m]
             if ti.static(self.law == "newtonian"):
-                rigid_fraction = 1.0 - ti.min(
-                    1.0, 2.0**0.5 * self.strain_rate.velocity_gradient(i).norm() * dt / MOVING_STRAIN
-                )
+                strain = 2.0**0.5 * self.strain_rate.velocity_gradient(i).norm() * dt
+                rigid_fraction = 1.0 - ti.min(1.0, strain / MOVING_STRAIN)
                 thin_viscosity *= 1.0 + (REST_FACTOR - 1.0) * rigid_fraction**2 * (1 - self.pressure.full[None])
             h = BOND_DISSIPATION * self.constants.eta[m] + thin_viscosity
             if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
                 if first == 0:
                     rate, residual = self.strain_rate.rate[i], self.strain_rate.residual[i]
                     step_ratio = ti.min(1.0, self.constants.own_step[None] / dt)
-                    min_rate = self.constants.min_bond_rate[None] * (
-                        ti.sqrt(step_ratio) if ti.static(self.in_space) else step_ratio
-                    )
+                    fall = ti.sqrt(step_ratio) if ti.static(self.in_space) else step_ratio
+                    min_rate = self.constants.min_bond_rate[None] * fall
                     bond_rate = ti.max(
                         ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * PLUG_EDGE_FACTOR * residual), min_rate
                     )
@@ -97,30 +95,30 @@ class DeferredCorrection(Term):
     def __init__(self, fluid, sums, strain_rate, resistance, averages: bool = False):
         super().__init__(fluid, pair_sums=sums, strain_rate=strain_rate, resistance=resistance)
         self.averages, self.lanes = averages, sums.lanes
-        self.fraction = ti.field(real(), ())  # of it that is taken back [-]
-        self.most = ti.field(real(), ())  # resistance h_i h_j/(h_i + h_j) at most [N s m]
+        self.fraction = ti.field(real(), ())  # of the correction that is applied [-]
+        self.max_resistance = ti.field(real(), ())  # upper bound of h_i h_j/(h_i + h_j) [N s m]
         # transpose of the flux before it meets B [N], and last the force of the bonds [N]
         self.sums = ti.Matrix.field(self.dimension + 1, self.lanes, real(), self.capacity)
 
     @stage("correction")
     def gather(self, fraction: float):
-        """The sums over the pairs of all particles at the velocity that they carry; ``fraction`` of them counts [-]."""
+        """Sum the correction over the pairs of all particles at their present velocity; ``fraction`` of it counts."""
         for i in range(self.particles.count[None]):
             self.pair_sums.set_motion(i, self.particles.u[i])
         for _ in range(1):
-            self.fraction[None], self.most[None] = fraction, HUGE
+            self.fraction[None], self.max_resistance[None] = fraction, HUGE
             if ti.static(self.averages):  # noqa: SIM102  (a compiled choice stays apart)
                 if self.walls.curvature_known[None] == 1:
-                    self.most[None] = 0.5 * self.resistance.flowing()
+                    self.max_resistance[None] = 0.5 * self.resistance.flowing()
         for i in range(self.particles.count[None]):
-            self.gather_bonds(i, fraction, self.most[None])
+            self.gather_bonds(i, fraction, self.max_resistance[None])
         if ti.static(self.walls.carry_curvature):
             for i in range(self.particles.count[None]):
                 if self.walls.curvature_known[None] == 1:
                     self.add_walls(i)
 
     @ti.func
-    def gather_bonds(self, i, fraction, most):
+    def gather_bonds(self, i, fraction, max_resistance):
         sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
         ui, Gi, hi = self.pair_sums.motion[i], self.strain_rate.G[i], self.resistance.h[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
@@ -129,13 +127,13 @@ class DeferredCorrection(Term):
                 break
             Gj, hj, b, w = self.strain_rate.G[j], self.resistance.h[j], self.gradient.b[k], self.gradient.weight_r2[k]
             jump, r = self.pair_sums.motion[j] - ui, b / ti.max(w, 1e-12)
-            together = ti.min(hi * hj / ti.max(hi + hj, 1e-30), most)
+            h = ti.min(hi * hj / ti.max(hi + hj, 1e-30), max_resistance)
             for a in ti.static(range(self.lanes)):
                 ours, theirs = jump[a], -jump[a]
                 for c in ti.static(range(self.dimension)):
                     ours -= Gi[c, a] * r[c]
                     theirs += Gj[c, a] * r[c]
-                resisted = together * (ours - theirs)
+                resisted = h * (ours - theirs)
                 for c in ti.static(range(self.dimension)):
                     sums[c, a] += (hi * ours - resisted) * b[c]
                 sums[self.dimension, a] -= w * (hi * ours - hj * theirs - 2.0 * resisted)
@@ -154,7 +152,7 @@ class DeferredCorrection(Term):
 
     @ti.func
     def push_of_walls(self, i, face: ti.template() = None):
-        """The force [N] on particle i among it."""
+        """Force [N] on particle i of what is taken back at the walls."""
         _slopes, drag = self.walls.curvature_term(i, self.particles.x[i], face)
         return -self.fraction[None] * self.resistance.h[i] * drag
 

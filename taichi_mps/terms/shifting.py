@@ -49,15 +49,12 @@ class Shifting(Term):
             if ti.static(self.shifts_in_tension):
                 fraction = ti.cast(0.0, float)
                 if self.gradient.neighbour_count[i] >= INTERIOR * self.gradient.full:
-                    fraction = (
-                        ti.max(0.0, ti.min(1.0, -TENSION_FACTOR * self.particles.p[i] * dt / viscosity))
-                        * (thin_viscosity / viscosity) ** 2
-                    )
+                    pull = -TENSION_FACTOR * self.particles.p[i] * dt / viscosity
+                    fraction = ti.max(0.0, ti.min(1.0, pull)) * (thin_viscosity / viscosity) ** 2
                 self.tension[i] = fraction
             tension = 1.0 - pressure.p[i] / ti.max(stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9)
-            viscous = (1.0 - thin_viscosity / viscosity) * (
-                1 - pressure.full[None]
-            )  # a full closed box is kept out of tension
+            # a full closed box is kept out of tension
+            viscous = (1.0 - thin_viscosity / viscosity) * (1 - pressure.full[None])
             self.stretched[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
 
     @ti.func
