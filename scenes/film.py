@@ -21,11 +21,14 @@ ROOTS, WEIGHTS = (
 
 def film_velocity(y, depth, slope_weight, material):
     """Exact steady velocity [m/s] at height y [m] of a film; slope_weight = rho g sin(angle) [N/m3]. It is the integral
-    of the shear rate from the floor, here over the square root of the stress above the yield stress."""
+    of the shear rate from the floor, here over the square root of the stress above the yield stress, or above the knee
+    stress of a bi-viscosity law, whose shear rate below it is proportional to the stress."""
+    knee = getattr(material, "knee_stress", material.yield_value)
 
     def up_to(stress):
-        above = np.maximum(0.0, stress - material.yield_value)[..., None]
-        return above[..., 0] * (material.shear_rate(material.yield_value + above * ROOTS**2) @ (2.0 * ROOTS * WEIGHTS))
+        below, above = np.minimum(stress, knee), np.maximum(0.0, stress - knee)[..., None]
+        flowing = above[..., 0] * (material.shear_rate(knee + above * ROOTS**2) @ (2.0 * ROOTS * WEIGHTS))
+        return 0.5 * below * material.shear_rate(below) + flowing
 
     return (up_to(np.array(slope_weight * depth)) - up_to(slope_weight * (depth - np.asarray(y)))) / slope_weight
 

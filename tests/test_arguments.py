@@ -220,13 +220,7 @@ class Bench:
         scene |= {"cavity": None, "measure": m.front, "check": None, "over_time": None, "enlarged_by": ""}
         scene |= {"wall_loads": False, "outline": (x,), "parameters": {}}
         snapshot = {field.name: getattr(s, field.name) for field in dataclasses.fields(s)}
-        bingham = {
-            "density": 2300.0,
-            "plastic_viscosity": 50.0,
-            "yield_value": 300.0,
-            "critical_strain_rate": None,
-            "friction_angle": 0.0,
-        }
+        bingham = {name: field.default for name, field in mps.Bingham.model_fields.items()}
         hb = {
             "density": 2300.0,
             "yield_value": 300.0,

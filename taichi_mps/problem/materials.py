@@ -255,9 +255,12 @@ class Bingham(Material):
         Returns
         -------
         float or ndarray
-            Shear rate [1/s], 0 below the yield stress.
+            Shear rate [1/s]; below the yield stress 0, below the knee stress that of the very viscous fluid.
         """
-        return np.maximum(0.0, stress - self.yield_value) / self.plastic_viscosity
+        flowing = np.maximum(0.0, stress - self.yield_value) / self.plastic_viscosity
+        if self.knee_stress == self.yield_value:
+            return flowing
+        return np.where(stress < self.knee_stress, 2.0 * self.critical_strain_rate * stress / self.knee_stress, flowing)
 
     @property
     def knee_stress(self) -> float:

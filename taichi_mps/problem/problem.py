@@ -82,7 +82,8 @@ class Problem:
     def law(self) -> str:
         """Law of all mixes: 'newtonian', 'yield-stress' (a true yield stress) or 'bi-viscosity'.
 
-        A critical strain rate makes it 'bi-viscosity'; a flow curve has a true yield stress.
+        A critical strain rate makes it 'bi-viscosity'; a flow curve has a true yield stress. So it is as the mixes are
+        given: the scheme semi-implicit softens a true yield stress.
         """
         yielding = [material for material in self.materials if not material.newtonian]
         if not yielding:
