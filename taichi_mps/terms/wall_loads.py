@@ -6,9 +6,10 @@ A wall is seen by the gradient of a particle, G = N B, through what its own moti
 force and the torque on it are what do work on v and on S: with the flux P = V T B - h G of the particle, c(z) and t(z)
 of its ghosts, and the arm a from the wall's point to the foot,
 
-    force = c P n + reactions,      torque_k = (a x force)_k + t e_abk (P (I - n n))_ab.
+    force = c P n + reactions,      torque_k = (a x force)_k + t e_abk ((P + h S)(I - n n))_ab:
 
-So over all walls they are what momentum and angular momentum of the fluid lose, but for the weight.
+hourglass modes are resisted in the frame of the wall. So over all walls they are what momentum and angular momentum of
+the fluid lose, but for the weight.
 """
 
 import numpy as np
@@ -104,8 +105,10 @@ class WallLoads(Term):
                     arm = ti.cast(wall.arm(x), float) - z * n
                     turn = self.axial_vector(arm.outer_product(-push))  # arm x force
                     if ti.static(not wall.slip):
-                        t = self.walls.tangential(i, wall, f, x, z, curvature, size)
-                        turn += t * self.axial_vector(flux - (flux @ n).outer_product(n))
+                        t, couple = self.walls.tangential(i, wall, f, x, z, curvature, size), flux
+                        if ti.static(wall.rotates):
+                            couple += h * ti.cast(wall.spin, float)
+                        turn += t * self.axial_vector(couple - (couple @ n).outer_product(n))
                     for k in ti.static(self.of_face(f)):
                         self.forces[k][i] -= push
                         self.torques[k][i] += turn

@@ -90,6 +90,24 @@ def test_torque_of_circular_couette_flow():
 
 
 @pytest.mark.slow
+def test_the_torques_on_all_walls_are_what_the_angular_momentum_loses():
+    """A vane turns in a cup of Bingham paste, whose plug is stiff against hourglass modes."""
+    sim = mps.Simulation(catalogue.build("vane", spacing=0.004))
+
+    def angular_momentum():
+        s = sim.snapshot()
+        return 1900.0 * s.spacing**2 * float((s.x[:, 0] * s.u[:, 1] - s.x[:, 1] * s.u[:, 0]).sum())
+
+    for _ in range(11):
+        sim.step()
+    before, time = angular_momentum(), sim.time
+    sim.step()
+    torques = {name: load.torque[-1] for name, load in sim.snapshot().loads.items()}
+    gained = (angular_momentum() - before) / (sim.time - time)
+    assert sum(torques.values()) == pytest.approx(-gained, abs=0.01 * torques["cup"])
+
+
+@pytest.mark.slow
 def test_what_turns_with_its_vessel_is_not_held_back():
     """A blade that turns with its cup moves as a rigid body with the fluid, without torque and strain."""
     spacing, turning = 0.005, {"angular_velocity": TURN}
