@@ -121,7 +121,8 @@ def resume(arguments) -> int:
         clock.begin("ready")
         if remark:
             os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
-        return carry_out(sim, folder, options, state.header["source"], arguments.json, clock, resumed=True)
+        source = catalogue.source(arguments.scene or state.header["source"])
+        return carry_out(sim, folder, options, source, arguments.json, clock, resumed=True)
 
 
 @command(
@@ -187,7 +188,8 @@ def report(arguments) -> int:
     """write the page of a run again"""
     from ..report.page import write
 
-    page = str(write(RunFolder(arguments.run), scene_file=arguments.scene, title=arguments.title, note=arguments.note))
+    words = {key: text and plain(text) for key, text in (("title", arguments.title), ("note", arguments.note))}
+    page = str(write(RunFolder(arguments.run), scene_file=arguments.scene, **words))
     return tell(arguments, {"report": page}, page)
 
 

@@ -7,9 +7,9 @@ import sys
 from collections import defaultdict
 from contextlib import suppress
 from functools import wraps
-from typing import Literal, get_args, get_origin
+from typing import Annotated, Literal, get_args, get_origin
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ..io.run_folder import strict
 from ..problem import catalogue
@@ -96,6 +96,9 @@ class Workers(Checked):
     )
 
 
+Caption = Annotated[str, AfterValidator(plain)]
+
+
 class Run(Pictures):
     """Options of run; a checkpoint keeps them for resume."""
 
@@ -103,8 +106,8 @@ class Run(Pictures):
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
     until: Duration | None = Field(None, description="time limit of the flow, the scene's own by default")
     every: Duration | None = Field(None, description=EVERY_HELP)
-    title: str | None = Field(None, description="title of the report, by default the name of the test")
-    note: str | None = Field(None, description="remark that stands in the report")
+    title: Caption | None = Field(None, description="title of the report, by default the name of the test")
+    note: Caption | None = Field(None, description="remark that stands in the report")
     plots: bool = Field(False, description="slump.png and history.png beside the report, which has these curves")
     out: str | None = Field(None, description="folder of the results, by default renders/<scene> or the next free name")
     overwrite: bool = Field(False, description="replace the run that is in the folder")

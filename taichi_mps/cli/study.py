@@ -22,9 +22,9 @@ from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
 from ..study.require import Wanted, require_bingham, runs_to_expect
 from ..study.require import require as find_borders
-from ..study.sweep import ACCURACY, LOST, cases, sweep, wall_time
+from ..study.sweep import ACCURACY, CHOOSES, LOST, cases, sweep, wall_time
 from ..study.tables import measures
-from ..units import Checked, Count, Speed, plain, quote, require, user_path
+from ..units import Checked, Count, SceneError, Speed, plain, quote, require, user_path
 from . import case_file
 from .options import DONE, JSON, Workers, command, given, parse_scene, read_back, tell
 
@@ -151,7 +151,7 @@ def sweep_command(argv) -> int:
         drawable or not options.chart,
         "chart: needs a parameter that is varied by numbers; must be a list or first:last:number",
     )
-    if "model" in planned[0].parameters and "model" not in varied:
+    if "accuracy" in planned[0].parameters and not varied.keys() & CHOOSES:
         print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
     watch = watching(differing, options.quiet or arguments.json, options, planned)
     rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
@@ -283,16 +283,19 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     from ..study import mixes
 
     path = user_path(options.table)
-    out = user_path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
     require(
         not path.is_dir(),
         f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file",
     )
+    out = user_path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
+    results = {out, out.with_suffix(".png"), out.with_suffix(".html")}
+    require(len(results) == 3 and out.parent.is_dir(), f"out = {out}: must be a CSV file in a folder that is there")
     require(
         not options.lift_speed, f"lift_speed = {options.lift_speed} m/s: is for one mix; must be left out of --table"
     )
     require(not measurements, f"{next(iter(measurements), '')}: stands in the table's own columns; must be left out")
-    require(not out.exists(), f"out = {out}: is there already; must be a new file, it is not overwritten")
+    for there in sorted(filter(Path.exists, results)):
+        raise SceneError(f"out = {out}: {there.name} is there already; must be a new file, nothing is overwritten")
     rows = mixes.read_list(path)
     if others := mixes.unused(rows):
         print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)

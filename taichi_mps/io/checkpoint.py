@@ -144,6 +144,8 @@ class Checkpoint:
         """
         keywords = dict(self.header["parameters"])
         if until is not None and "until" in keywords:
+            if keywords.get("critical_strain_rate") == "rational":  # it stays as it was chosen for the time limit
+                keywords["critical_strain_rate"] = self.scene(None, scene_file).material.critical_strain_rate
             keywords["until"] = until
         scene = catalogue.rebuild(self.header["source"], keywords, scene_file)
         require(

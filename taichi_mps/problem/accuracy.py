@@ -45,8 +45,9 @@ class Mix(NamedTuple):
 
     def __str__(self):
         """Format the mix as yield stress and plastic viscosity in the standard cone at the standard density."""
+        tau_y = self.yield_number * DENSITY * GRAVITY * HEIGHT
         eta = self.viscosity_number * DENSITY * (GRAVITY * HEIGHT**3) ** 0.5
-        return f"{self.yield_number * DENSITY * GRAVITY * HEIGHT:.3g} Pa and {eta:.3g} Pa s"
+        return "{:g} Pa and {:g} Pa s".format(*(float(f"{number:.3g}") for number in (tau_y, eta)))
 
 
 REFERENCE_MIX = Mix.of(1000.0, 50.0)  # the stiffest mix that is meant where none is given
@@ -76,6 +77,14 @@ class Measured(NamedTuple):
     def error(self) -> float:
         """Larger of the errors of slump and reach, over H."""
         return max(self.slump, self.reach)
+
+    def of_one_run(self) -> "Measured":
+        """Errors of one run: those of the mean of five, and the scatter of runs."""
+        slump, reach = (
+            error + SCATTER_FACTOR * scatter
+            for error, scatter in ((self.slump, self.slump_scatter), (self.reach, self.reach_scatter))
+        )
+        return self._replace(slump=slump, reach=reach)
 
 
 def measured() -> list[Measured]:
@@ -124,8 +133,7 @@ def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None =
     spacing = min(max(spacing, fine.spacing), coarse.spacing)  # numbers in the file are rounded
     part = math.log(spacing / fine.spacing) / math.log(coarse.spacing / fine.spacing) if spacing > fine.spacing else 0.0
     row = weighted_mean([fine, coarse], [1.0 - part, part])
-    slump, reach = row.slump + SCATTER_FACTOR * row.slump_scatter, row.reach + SCATTER_FACTOR * row.reach_scatter
-    return row._replace(spacing=spacing, slump=slump, reach=reach, **mix._asdict())
+    return row.of_one_run()._replace(spacing=spacing, **mix._asdict())
 
 
 def nearest(mix: Mix) -> Mix:
@@ -189,12 +197,14 @@ class Choice:
         )
 
 
-def choices(mix: Mix | None = None, height: float = HEIGHT) -> list[Choice]:
+def choices(mix: Mix | None = None, height: float = HEIGHT, lift_speed: float | None = None) -> list[Choice]:
     """Every measured model and spacing with its error for this mix, the cheapest first. No error is less than the error
     of a finer spacing, so that a small error by luck does not count."""
     found = []
     for _, rows in groupby(sorted(measured()), key=itemgetter(0, 1)):  # model and spacing
-        row, where = errors_for_mix(list(rows), mix)
+        row, where = errors_for_mix([row.of_one_run() for row in rows], mix)
+        if row and lift_speed:
+            row = errors_of_lifted(row, lift_speed * math.sqrt(HEIGHT / height))
         if row:
             facts = height * row.error, row.volume, row.cpu_seconds, f"measured for {where}, standard cone"
             found.append(Choice(row.model, round(height * row.spacing, 9), *facts))
@@ -210,7 +220,9 @@ def errors_for_mix(rows: list[Measured], mix: Mix | None) -> tuple[Measured | No
     if mix is None:
         rows = [row for row in rows if math.isclose(row.viscosity_number, REFERENCE_MIX.viscosity_number, rel_tol=1e-3)]
         largest = {key: max(getattr(row, key) for row in rows) for key in ("slump", "reach", "volume")}
-        return weighted_mean(rows, np.full(len(rows), 1.0 / len(rows)))._replace(**largest), f"100 to {REFERENCE_MIX}"
+        return weighted_mean(rows, np.full(len(rows), 1.0 / len(rows)))._replace(
+            **largest
+        ), f"Bingham mixes of 100 to {REFERENCE_MIX}"
     if between := interpolate_in_mixes(rows, mix):
         return between, "mixes beside this one"
     known = nearest(mix)
@@ -223,15 +235,16 @@ def choose(
     spacing: float | None = None,
     mix: Mix | None = None,
     height: float = HEIGHT,
+    lift_speed: float | None = None,
 ) -> Choice:
     """Choose the cheapest model and spacing whose slump and reach are expected within ``accuracy`` [m] of the
-    reference, and whose volume is kept within 1 %; a model or a spacing [m] that is given stays. SceneError if no
-    measured one is that accurate."""
+    reference, and whose volume is kept within 1 %; a model or a spacing [m] that is given stays. With a ``lift_speed``
+    [m/s] of the mould those with its error. SceneError if no measured one is that accurate."""
     if not accuracy <= MAX_ACCURACY:
         raise SceneError(f"accuracy = {accuracy:g} m: must be at most {MAX_ACCURACY:g} m (0.005 or 5mm for 5 mm)")
     fitting = [
         c
-        for c in choices(mix, height)
+        for c in choices(mix, height, lift_speed)
         if model in (None, c.model) and (spacing is None or math.isclose(c.spacing, spacing, rel_tol=1e-6))
     ]
     keeping = [choice for choice in fitting if choice.volume_error <= MAX_VOLUME_ERROR]

@@ -194,9 +194,8 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -
         if type(law) is Bingham and law.yields and law.straight:  # of such mixes the errors were measured
             mix = Mix.of(law.yield_value, law.plastic_viscosity, law.density, valid.height)
         fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
-        if getattr(valid, "lift_speed", None):  # a part between mirror planes has no mould that is lifted
-            fixed.setdefault("model", "axisymmetric")
-        choice = choose(valid.accuracy, **fixed, mix=mix, height=valid.height)
+        lift_speed = getattr(valid, "lift_speed", None)
+        choice = choose(valid.accuracy, **fixed, mix=mix, height=valid.height, lift_speed=lift_speed)
         print(f"taichi-mps: accuracy = {1e3 * valid.accuracy:g} mm: {choice}", file=sys.stderr)
         return build(name, material, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     numbers = dict.fromkeys(Concrete.model_fields) | dict(material) if material else {}

@@ -38,7 +38,7 @@ def shown(value, unit: str) -> str:
 
 def command(source: str, summary: dict, every: float | None = None) -> str:
     """Command line, after ``taichi-mps``, that repeats a run, without options at their defaults. ``every``: interval of
-    the outputs [s], at which steps end, too, if it is not the usual one. A scene file is named without its folder."""
+    the outputs [s], if it is not the usual one. A scene file is named without its folder."""
     defaults = {
         **{key: field.default for key, field in fields_of(source).items()},
         **NUMERICS[summary["scheme"]]().model_dump(),

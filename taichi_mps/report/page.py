@@ -35,7 +35,7 @@ class RunRecord:
     """Record of a run, read from its folder.
 
     ``folder`` and its ``path``; ``scene``; ``source``: name or file of its function; ``every``: interval of the outputs
-    [s], at which steps end, too; ``summary``, for a run that has not ``ended`` of scene, mixes, time and measures of
+    [s]; ``summary``, for a run that has not ``ended`` of scene, mixes, time and measures of
     its last row only; ``history``: columns of history.csv."""
 
     def __init__(self, folder: RunFolder, scene: Scene | None, scene_file):

@@ -32,6 +32,7 @@ from .slurm import slurm
 from .tables import open_results
 
 ACCURACY = 0.005  # of the slump [m], which chooses model and spacing where the scene can and none is given
+CHOOSES = {"accuracy", "model", "spacing", "lift_speed"}  # keywords of which one that is given says what is computed
 LOST = "lost"  # status of a case that its executor did not finish; computed again when the study is resumed
 MAX_CASES = 100_000  # of a study
 SAMPLED, SERIAL = 8, {"arch": "cpu", "precision": "f32", "threads": 1}  # cases to forecast, and how they run
@@ -70,7 +71,7 @@ def cases(scene: SceneName, **parameters) -> list[Case]:
     """
     known = catalogue.load(scene).parameters.model_fields
     given = {name: list_of_values(name, value) for name, value in parameters.items()}
-    if "accuracy" in known and not given.keys() & {"accuracy", "model", "spacing", "lift_speed"}:
+    if "accuracy" in known and not given.keys() & CHOOSES:
         choice = choose(ACCURACY)
         given |= {"model": [choice.model], "spacing": [choice.spacing]}
     count = math.prod(len(choices) for choices in given.values())

@@ -71,7 +71,8 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
     given = SEPARATOR.fullmatch(lines[skipped]) if lines[skipped:] else None
     skipped += bool(given)
     first, found, empty = skipped + 1, [], f"{where}is empty; must be a CSV file with a head and rows"
-    require(lines[skipped:], empty)
+    hidden = "has comments (#) alone; its head must not begin with #" * any(map(COMMENT_LINE.match, lines))
+    require(lines[skipped:], f"{where}{hidden}" if hidden else empty)
     try:
         cells = {sign: len(next(csv.reader(lines[skipped:], delimiter=sign))) for sign in "\t;,"}
         delimiter = given[1] if given else next((sign for sign in cells if cells[sign] > 1), ";")  # 18,5 is one cell
@@ -95,10 +96,13 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
     require(duplicate is None, f"{where}column '{duplicate}' stands there twice; must be once")
     for line, row in rows:
         table.append({names[k]: cell for k, cell in enumerate([*row, *[""] * width][:width]) if filled[k]})
-        if len(row) != width:
-            cells = " ".join(delimiter.join(row).split())
-            table[-1][ROW_ERROR] = f"line {line} has {len(row)} cells, the head has {width}: {cells}" + (
-                "; a number with a decimal comma must be in quotes" * (delimiter == "," and len(row) > width)
+        wrong = f"{len(row)} cells, the head has {width}" * (len(row) != width)
+        for name, column, cell in zip(header[1:], names[1:], row[1:], strict=False):  # the first may number the rows
+            if delimiter == "," and not name and cell[:1].isdigit():
+                wrong = wrong or f"a number in {column}, which has no name"
+        if wrong:
+            table[-1][ROW_ERROR] = f"line {line} has {wrong}: {' '.join(delimiter.join(row).split())}" + (
+                "; a number with a decimal comma must be in quotes" * (delimiter == "," and len(row) >= width)
             )
     return table
 

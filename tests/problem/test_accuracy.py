@@ -143,6 +143,13 @@ def test_the_scene_is_made_as_chosen_and_says_so(capsys):
     assert again.spacing == scene.spacing and capsys.readouterr().err == ""
 
 
+@pytest.mark.parametrize("change", [{}, {"lift_speed": 0.1}, {"model": "full", "lift_speed": 0.1}], ids=str)
+def test_a_run_expects_no_more_than_its_choice_promised(change):
+    scene = mps.slump_cone(accuracy=0.006, yield_value=500.0, **change)
+    _, height, error = accuracy.errors_of_run(facts_of(scene))
+    assert height * error.error <= 0.006
+
+
 def test_what_is_given_rules(capsys):
     assert mps.slump_cone(accuracy=0.02, model="full").parameters["model"] == "full"
     assert mps.slump_cone(accuracy=0.02, lift_speed=0.12).parameters["model"] == "axisymmetric"

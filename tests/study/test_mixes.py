@@ -229,7 +229,7 @@ def test_a_list_is_read_as_a_spreadsheet_writes_it(tmp_path, text):
         ("1;2\n3;4", "has no column slump, .*not used, but kept: '1', '2'"),
         ("slump\n" + 100_000 * "0.2\n", "table = .*mixes.csv: has 100001 lines; must have at most 100000"),
         ("", "is empty; must be"),
-        ("# nothing\n\n;;\n", "is empty; must be"),
+        ("# nothing\n\n;;\n", r"has comments \(#\) alone; its head must not begin with #"),
         ("mix,slump [cm]\n\n,\n", "has a head and no row"),
         ('mix,slump [cm]\n"7" slab",18\n', r"line 2 is no CSV \(',' expected after"),
         ('mix,slump [cm]\nB,18\n"A,18\nC,3\n', r"line 3 is no CSV \(unexpected end of data"),
@@ -247,6 +247,15 @@ def test_what_is_no_list_is_refused_in_one_line(tmp_path, text, said):
     with pytest.raises(mps.SceneError, match=said) as error:
         read_list(written(tmp_path, text))
     assert "\n" not in str(error.value)
+
+
+def test_a_number_in_a_column_without_a_name_is_refused_but_for_the_first(tmp_path):
+    """It may be the end of a decimal comma; the first column may number the rows."""
+    rows = read_list(written(tmp_path, ",spread [cm],t500 [s],\n0,55,5,3\n1,55,3.5,\n2,55,3.5,wet\n"))
+    assert rows[0][tables.ROW_ERROR].startswith(
+        "line 2 has a number in column 4, which has no name: 0,55,5,3; a number with"
+    )
+    assert all(tables.ROW_ERROR not in row for row in rows[1:])
 
 
 def test_what_a_list_cannot_say_is_told_and_its_own_columns_are_kept(tmp_path, capsys):
