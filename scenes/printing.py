@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, ValidationInfo
 
 import taichi_mps as mps
 from taichi_mps.problem.tool_path import read_gcode, straight_runs
-from taichi_mps.units import Count, Duration, FlowRate, Length
+from taichi_mps.units import Count, Duration, FlowRate, Length, Source
 
 FAILED = 0.01  # by how much wider a foot has failed; it bears as much more, twice as much in a column
 COLLAPSED = 0.1  # by how much wider than it was laid a layer of a tool path has collapsed
@@ -49,7 +49,7 @@ def scene(
         Field(description="a measured mix, in place of the numbers of the mix but its density"),
     ] = None,
     gcode: Annotated[
-        str,
+        Source,
         Field(description="tool path (G-code) in place of width, height, layers and length; the model is then gcode"),
     ] = "",
     print_rate: Annotated[FlowRate | None, Field(description="what the nozzle delivers, in place of E")] = None,

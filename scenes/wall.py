@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Duration, FlowRate, Length, Position, Ratio
+from taichi_mps.units import Duration, FlowRate, Length, Position, Ratio, Source
 
 FREE = 0.06  # height of the mouth above the form [m]
 NEAR, LIFT = 0.3, 0.3  # of a hose that rises: above the mean level; of what it places in one pass along the form [m]
@@ -31,10 +31,10 @@ def scene(
     bar_diameter: Length = Field(0.016, description="diameter of the reinforcing bars"),
     bar_distance: Length = Field(0.2, description="distance of the bars"),
     cover: Length = Field(0.03, description="concrete cover of the bars"),
-    rebar: Annotated[str, Field(description="mesh of one curtain (STL, OBJ, PLY), bars of its own by default")] = "",
+    rebar: Annotated[Source, Field(description="mesh of one curtain (STL, OBJ, PLY), bars of its own by default")] = "",
     rebar_scale: Annotated[Ratio, Field(description="metres a unit of that file, 0.001 where it is in mm")] = 1.0,
     form: Annotated[
-        str,
+        Source,
         Field(description="body to be cast, open at its highest face (STEP, STL, OBJ, PLY), in place of these walls"),
     ] = "",
     form_body: Annotated[str, Field(description="which body of an assembly in that file is cast, all by default")] = "",

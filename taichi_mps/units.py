@@ -141,6 +141,11 @@ def possible(path: Path, named=False) -> Path:
     return user_path(path)
 
 
+def absolute(path: str) -> str:
+    """Return the path of a file that a run reads, from whatever folder it is read again; '' for none."""
+    return path and str(user_path(path).absolute())
+
+
 def truth(value):
     """Return a truth value of NumPy as Python's, anything else as it is; ValueError for bytes."""
     if isinstance(value, bytes):
@@ -238,6 +243,7 @@ RadiusRatio = real("l0", ge=1.6, le=4.1)
 Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_number_in_disguise)]
 Flag = Annotated[bool, BeforeValidator(truth)]
 Text = Annotated[str, Strict()]
+Source = Annotated[str, AfterValidator(absolute)]  # file that a run reads
 Place = Annotated[Path, AfterValidator(possible)]  # of a folder or a file
 File = Annotated[Path, AfterValidator(partial(possible, named=True))]
 

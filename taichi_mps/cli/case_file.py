@@ -7,7 +7,7 @@ from ..problem.labels import OPTIONS, keyword_description
 from ..problem.numerics import NUMERICS, Implicit
 from ..report.inputs import option
 from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of, user_path
-from .options import GROUPS, Run, group_of, is_tuple
+from .options import GROUPS, Run, group_of, is_tuple, suggested
 
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # keywords by the names of options
 SECTIONS = [group.split()[0] for group in GROUPS]
@@ -84,10 +84,15 @@ def command_words(path: Path) -> list[str]:
     options = []
     for word, value in given.items():
         name = word if word in known else KEYS.get(word, word)
-        require(name in known, f"case = {path}: unknown key '{word}'{suggestion(word, known)}")
+        require(name in known, f"case = {path}: unknown key '{word}'{suggested(word, known)}")
+        switch = known[name][1].annotation is bool
+        require(
+            isinstance(value, bool) == switch,
+            f"case = {path}: {name} = {str(value).lower()}: must be {'true or false' if switch else 'no switch'}",
+        )
         require(
             isinstance(value, str | int | float) or is_list(value, known[name][1]),
-            f"case = {path}: {name} = {value}: must be a number, a text or true or false",
+            f"case = {path}: {name} = {value}: must be a number or a text",
         )
         # a switch that is off has no option, and a number of the mix at its default must not choose a law
         if value != known[name][1].default or not (isinstance(value, bool) or name in NUMBERS):

@@ -176,8 +176,15 @@ class Parser(argparse.ArgumentParser):
             require(flag.startswith("-"), f"unexpected argument '{word}'")
             require(flag not in RESULTS, f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it")
             known = set(self._option_string_actions) - {"--help"}
-            raise SceneError(f"unknown option {flag}{suggestion(flag, known)}")
+            raise SceneError(f"unknown option {flag}{suggested(flag, known)}")
         return arguments
+
+
+def suggested(word: str, known) -> str:
+    """Return which scheme has the numerics of this name, else ``suggestion``."""
+    name = word.lstrip("-").replace("-", "_")
+    schemes = [scheme for scheme, model in NUMERICS.items() if name in model.model_fields]
+    return f": the scheme {schemes[0]} has it; must be left out here" if schemes else suggestion(word, known)
 
 
 @checked

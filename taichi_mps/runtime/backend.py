@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from ..units import Count, Flag, SceneError, require, validated
-from .memory import left_by_process_limits, size
+from ..units import Count, Flag, SceneError, validated
+from .memory import ShortOfMemoryError, left_by_process_limits, size
 from .workarounds import (
     OPTIONS,
     compiled_now,
@@ -110,11 +110,11 @@ def init(
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     needed = ADDRESS_SPACE + threads * ADDRESS_SPACE_PER_THREAD
     left = min(left_by_process_limits(), default=needed)
-    require(
-        _session or left >= needed,  # a second init uses the pool of the first
-        "memory: Taichi takes 1.07 GB of address space at once when it starts, and a run more; the limit of this "
-        f"process (ulimit -v, -d) leaves {size(max(0, left))}; must be at least {size(needed)}",
-    )
+    if left < needed and not _session:  # a second init uses the pool of the first
+        raise ShortOfMemoryError(
+            "memory: Taichi takes 1.07 GB of address space at once when it starts, and a run more; the limit of this "
+            f"process (ulimit -v, -d) leaves {size(max(0, left))}; must be at least {size(needed)}"
+        )
     ti.init(
         arch=architectures[arch],
         default_fp=ti.f64 if precision == "f64" else ti.f32,

@@ -12,6 +12,10 @@ CONTROL_GROUPS = {  # by kind, of cgroup version 2 and 1: files of limit and use
 PROCESS_LIMITS = {"Max address space": 0, "Max data size": 5}  # of ulimit -v, -d: column of /proc/self/statm
 
 
+class ShortOfMemoryError(SceneError, MemoryError):
+    """What would not fit into the memory that is there now."""
+
+
 def memory(root: str = "/") -> int | None:
     """Bytes that this process holds and may still take, from the machine, its control groups (cgroup, versions 1 and 2)
     and its own limits. None on a system without /proc/meminfo. ``root``: folder of /proc and /sys."""
@@ -57,7 +61,9 @@ def admit(needed: float, what: str, remedy=lambda available: "") -> None:
     """Raise a SceneError if ``what`` needs more bytes than are available; ``remedy(available)`` ends its message."""
     available = memory()
     if available is not None and needed > available:
-        raise SceneError(f"{what} about {size(needed)} of memory, and {size(available)} are there{remedy(available)}")
+        raise ShortOfMemoryError(
+            f"{what} about {size(needed)} of memory, and {size(available)} are there{remedy(available)}"
+        )
 
 
 def size(number: float) -> str:

@@ -130,9 +130,16 @@ def cost_of(problem: Problem) -> Cost:
     # a jolt is one fall more
     path = (1 + len(scene.jolts)) * path if scene.jolts else path + end * problem.speed
     steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(problem, quiet=True)
-    steps = max(steps, MIN_STEPS)
-    seconds = steps * seconds_of_a_step(particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
-    return Cost(steps, known[2].cpu_seconds if known and known[2] else float(seconds), end)
+    usual = max(steps, MIN_STEPS)
+    seconds = usual * seconds_of_a_step(particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
+    seconds = known[2].cpu_seconds if known and known[2] else float(seconds)
+    steps = max(usual, end / (problem.numerics.max_time_step or math.inf))
+    return Cost(steps, steps / usual * iterations_factor(problem.numerics) * seconds, end)
+
+
+def iterations_factor(numerics) -> float:
+    """Cost of a step with the outer iterations of these numerics, over that with the usual ones [-]."""
+    return 1.0 + ITERATIONS_SHARE * (getattr(numerics, "passes", MEASURED_ITERATIONS) / MEASURED_ITERATIONS - 1.0)
 
 
 def cost_of_pour(problem: Problem) -> Cost:
@@ -149,8 +156,7 @@ def cost_of_pour(problem: Problem) -> Cost:
     step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, quiet=True))
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / TIMES / step
-    by_iterations = 1.0 + ITERATIONS_SHARE * (numerics.passes / MEASURED_ITERATIONS - 1.0)
-    seconds = float(steps @ (by_iterations * seconds_of_a_step(particles)))
+    seconds = float(steps @ (iterations_factor(numerics) * seconds_of_a_step(particles)))
     return Cost(float(steps.sum()), seconds, min(scene.until, max(pour.end for pour in pours) + SETTLING_TIME))
 
 

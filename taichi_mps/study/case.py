@@ -19,6 +19,7 @@ T500_SPREAD = 0.5  # slump flow [m] that defines T500: EN 12350-8
 MIN_INTERVAL, MIN_FRACTION, MAX_FRACTION = 0.02, 0.05, 0.25  # [s] and [-] of the time so far, between two measurements
 SUMMARY_COLUMNS = "stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max"  # kept in a row
 SUMMARY_COLUMNS += "cpu_seconds", "compile_seconds", "version"
+LOST = "lost"  # status of a case that was not finished; computed again when the study is resumed
 _one_at_a_time = threading.Lock()  # Taichi runs one Simulation at a time in a process
 
 
@@ -65,9 +66,10 @@ def run(case: Case, samples: int = 0) -> dict:
     """Run a case to its end in this process and return its row, also where it fails. Taichi is started with one thread
     where it is not, and again, which drops every earlier Simulation, where its fields are used up.
 
-    A row holds key, status ('done' or 'failed'), reason (of a finished run its warnings), the parameters, the scene's
-    measures at the end, t500_s [s] where the slump flow came to 500 mm, what stopped the run, steps and seconds; with
-    ``samples`` in ``course`` that many values of each measure over time, {name: values}.
+    A row holds key, status ('done', 'failed', or LOST where memory or a file was missing), reason (of a finished run
+    its warnings), the parameters, the scene's measures at the end, t500_s [s] where the slump flow came to 500 mm, what
+    stopped the run, steps and seconds; with ``samples`` in ``course`` that many values of each measure over time,
+    {name: values}.
     """
     from ..simulation.reuse import begin
 
@@ -91,7 +93,8 @@ def run(case: Case, samples: int = 0) -> dict:
                 columns = {name: np.array([step.get(name, math.nan) for step in history]) for name in history[-1]}
                 measures |= over_time(columns)
         except Exception as error:  # a study goes on, whatever a case does
-            return row_without_result(case, "failed", f"{type(error).__name__}: {error}")
+            status = LOST if isinstance(error, MemoryError | OSError) else "failed"
+            return row_without_result(case, status, f"{type(error).__name__}: {error}")
     row = row_without_result(case, "done", "; ".join(str(warning.message) for warning in caught))
     filling = {name: summary[name] for name in ("filled_ratio", "void_m3") if name in summary}
     row |= {name: strict(float(value)) for name, value in (measures | filling).items()}

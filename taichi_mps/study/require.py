@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ..problem import catalogue
 from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, real, unit_of
@@ -35,6 +35,12 @@ class Wanted(Checked):
     stiffest: YieldValue = Field(1000.0, gt=0.0, description="largest yield stress that is looked at")
     plastic_viscosity: Text = Field("10,30,100", description="plastic viscosities, as of sweep [Pa s]")
     within: Ratio = Field(0.2, description="how closely the yield stress is found, over itself")
+
+    @model_validator(mode="after")
+    def _spans_a_range(self):
+        text = f"softest = {self.softest:g} Pa: must be less than stiffest = {self.stiffest:g} Pa"
+        check(self.softest < self.stiffest, text)
+        return self
 
 
 @dataclass(frozen=True)
@@ -147,7 +153,6 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
     """Return the borders of all plastic viscosities and the rows of the runs that found them, which are kept in the
     folder ``out`` and not computed again."""
     low, high = wanted.softest, wanted.stiffest
-    check(low < high, f"softest = {low:g} Pa: must be less than stiffest = {high:g} Pa")
     keywords = catalogue.load(scene).parameters.model_fields
     defaults = {"fill_ratio": 1.0} | ({"measure_pressure": True} if wanted.pressure is not None else {})
     defaults = {name: value for name, value in defaults.items() if name in keywords}

@@ -26,14 +26,13 @@ from ..problem.catalogue import SceneName
 from ..problem.materials import LAWS, numbers_of
 from ..problem.problem import Problem
 from ..units import Count, Place, SceneError, Text, in_unit, require, validated
-from .case import Case, case, row_without_result
+from .case import LOST, Case, case, row_without_result
 from .case import run as run_case
 from .slurm import slurm
 from .tables import open_results
 
 ACCURACY = 0.005  # of the slump [m], which chooses model and spacing where the scene can and none is given
 CHOOSES = {"accuracy", "model", "spacing", "lift_speed"}  # keywords of which one that is given says what is computed
-LOST = "lost"  # status of a case that its executor did not finish; computed again when the study is resumed
 MAX_CASES = 100_000  # of a study
 SAMPLED, SERIAL = 8, {"arch": "cpu", "precision": "f32", "threads": 1}  # cases to forecast, and how they run
 IN_FIELDS = {name for law in LAWS for name in numbers_of(law)} - {"friction_angle"}  # numbers read from fields

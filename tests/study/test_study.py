@@ -19,6 +19,7 @@ from taichi_mps.cli.study import outcome
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.accuracy import choices
 from taichi_mps.problem.problem import Problem
+from taichi_mps.runtime.memory import ShortOfMemoryError
 from taichi_mps.simulation.reuse import begin, shape_of
 from taichi_mps.study import case as cases
 from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, run_side_by_side, values
@@ -124,6 +125,15 @@ def test_a_broken_executor_loses_the_cases_and_ends(tmp_path, notes):
     with ThreadPoolExecutor(1, initializer=int, initargs=("no number",)) as threads:
         rows = carry_out(study_cases.planned(3, notes), tmp_path / "s", study_cases.plain, threads)
     assert [row["status"] for row in rows] == [LOST] * 3 and not study_cases.runs(notes)
+
+
+def test_a_case_for_which_memory_is_missing_is_computed_again(monkeypatch):
+    def begin(_scene):
+        raise ShortOfMemoryError("spacing = 0.01 m: its particles take 3 GB")
+
+    monkeypatch.setattr("taichi_mps.simulation.reuse.begin", begin)
+    row = cases.run(cases.case("film", spacing=0.05))
+    assert row["status"] == LOST and row["reason"].endswith("take 3 GB")
 
 
 def test_a_case_that_kills_its_process_takes_no_other_with_it(tmp_path, notes):
