@@ -106,7 +106,8 @@ def scene(
         """Return the largest horizontal distance [m] of the concrete from the hose."""
         ends = [mps.measure.level(s, (x, -0.5 * half), (x + 0.1, 0.5 * half)) for x in (0.0, length - 0.1)]
         found = {"front_m": mps.measure.front(s)["front_m"], "near_m": ends[0], "far_m": ends[1]}
-        return found | (pressures(s) if s.loads else {})
+        known = s.loads and np.isfinite(s.loads["side"].forces).all()  # not before the first step
+        return found | (pressures(s, 0.5 * sum(ends)) if known else {})
 
     edges = np.linspace(0.0, height, 1 + max(2, min(5, int(height / (2.5 * spacing)))))
     middle, weight = 0.5 * (edges[1:] + edges[:-1]), material.density * 9.81
@@ -115,11 +116,11 @@ def scene(
         """A measure of each layer of the height."""
         return {f"{name}_at_{1e3 * z:.0f}mm_Pa": float(value) for z, value in zip(middle, values, strict=True)}
 
-    def pressures(s):
-        """Mean pressure [Pa] on the sides in layers of the height, and the hydrostatic one of the lowest."""
+    def pressures(s, level):
+        """Mean pressure [Pa] on the sides in layers of the height, and the hydrostatic one of the lowest below the
+        level [m]."""
         outward = s.loads["side"].forces[:, 1] * np.sign(s.x[:, 1])
         mean = mps.measure.by_height(s, outward, edges) / (2.0 * length * np.diff(edges))
-        level = mps.measure.level(s, (0.0, -0.5 * half), (length, 0.5 * half))
         hydrostatic = in_layers("hydrostatic", weight * np.maximum(0.0, level - middle))
         return in_layers("pressure", mean) | dict(list(hydrostatic.items())[:1])
 

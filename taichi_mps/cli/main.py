@@ -22,7 +22,21 @@ from ..problem.numerics import NUMERICS, Implicit
 from ..problem.problem import Problem
 from ..units import INSTANT, SceneError, plain, quote, require, suggestion, user_path
 from .case_file import case_text, expand_case_file
-from .options import BAD_INPUT, DONE, JSON, Pictures, Run, Table, command, given, is_tuple, parse_scene, read_back, tell
+from .options import (
+    BAD_INPUT,
+    DONE,
+    JSON,
+    Pictures,
+    Remedy,
+    Run,
+    Table,
+    command,
+    given,
+    is_tuple,
+    parse_scene,
+    read_back,
+    tell,
+)
 from .run import carry_out, describe_run, draw_curves, make_clock, print_result, redraw, start_taichi
 from .study import COMMANDS as STUDY
 
@@ -93,7 +107,7 @@ def new(argv) -> int:
 @command(
     "Continue a run from its checkpoint.",
     {"run": {"help": "run folder, or the checkpoint file in it"}, **SCENE, **JSON},
-    {Run: (None, KEPT_OPTIONS)},
+    {Run: (None, KEPT_OPTIONS), Remedy: ("expert",)},
 )
 def resume(arguments) -> int:
     """continue an interrupted run"""
@@ -108,6 +122,7 @@ def resume(arguments) -> int:
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
     options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=KEPT_OPTIONS)})
+    state.header["numerics"].update(given(arguments, Remedy))
     passed = state.header["time"]
     if arguments.until and options.until < passed - INSTANT:
         raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")

@@ -15,8 +15,21 @@ from ..io.run_folder import strict
 from ..problem import catalogue
 from ..problem.labels import keyword_description, option_name
 from ..problem.materials import Concrete
-from ..problem.numerics import NUMERICS
-from ..units import Checked, Count, Duration, SceneError, checked, notes, plain, quote, require, suggestion, unit_of
+from ..problem.numerics import COURANT, NUMERICS
+from ..units import (
+    Checked,
+    Count,
+    Duration,
+    Ratio,
+    SceneError,
+    checked,
+    notes,
+    plain,
+    quote,
+    require,
+    suggestion,
+    unit_of,
+)
 
 EVERY_HELP = (
     "time between pictures, by default a hundredth of the time limit, and of what falls to rest at most 0.3 sqrt(H/g)"
@@ -114,6 +127,14 @@ class Run(Pictures):
     profile: bool = Field(False, description="show the time that each stage took")
     quiet: bool = Field(False, description="no progress and no result on the screen")
     verbose: bool = Field(False, description="show the numerics, too: steps, iterations, volume error")
+
+
+class Remedy(Checked):
+    """Numerics with which resume may go on, where a run diverged."""
+
+    courant_number: Ratio | None = Field(None, description=COURANT)
+    max_time_step: Duration | None = Field(None, description="no step is longer")
+    diffusion_number: Ratio | None = Field(None, description="of the scheme semi-implicit")
 
 
 class Table(Checked):
