@@ -89,6 +89,9 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
             first[group] = min(group)
         repairs += [f"{np.sum(first != np.arange(len(first)))} corners merged with others within {rounding:.2g} m"]
         triangles_kept = drop_degenerate(first[triangles])
+        with_area = triangles_kept[heights(points[triangles_kept]) > rounding]
+        if not len(open_edges(with_area)):
+            triangles_kept = with_area
     if len(edges := open_edges(triangles_kept)):
         raise SceneError(
             f"mesh {path}: {len(edges)} of its edges belong to one triangle only, or two triangles face against each "
@@ -169,6 +172,13 @@ def drop_degenerate(triangles):
     return triangles[np.sort(good[np.unique(group[good], return_index=True)[1]])]
 
 
+def heights(corners):
+    """Heights [m] of triangles, (n, 3, 3), on their longest sides."""
+    sides = corners - np.roll(corners, 1, axis=1)
+    area2 = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return area2 / np.maximum(np.linalg.norm(sides, axis=2).max(axis=1), 1e-300)
+
+
 def open_edges(triangles):
     """Edges (k, 2) along which unequal numbers of triangles run in the two directions."""
     edges = np.vstack([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
@@ -179,6 +189,20 @@ def open_edges(triangles):
 def point_text(point) -> str:
     """Coordinates of a point (3,) [m] as text for a message."""
     return "at ({:.4g}, {:.4g}, {:.4g}) m".format(*np.round(point, 9) + 0.0)
+
+
+def lost_bodies(points, triangles, low, cell) -> list[str]:
+    """Describe which of several bodies, thinner than a ``cell`` [m], hold no node of the grid from ``low`` [m] on."""
+    lost, bodies = [], to_manifold(points, triangles).decompose()
+    for body in bodies:
+        if len(bodies) == 1 or 4.0 * abs(body.volume()) > 2.0 * cell * body.surface_area():
+            continue
+        ends = np.array(body.bounding_box()).reshape(2, 3)
+        axes = [low[a] + cell * np.arange(*np.ceil((ends[:, a] - low[a]) / cell)) for a in range(3)]
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+        if not (len(nodes) and (mesh_distance(nodes, *from_manifold(body)) < 0.0).any()):
+            lost.append(f"{' x '.join(f'{s:.4g}' for s in np.ptp(ends, axis=0))} m {point_text(ends.mean(axis=0))}")
+    return lost
 
 
 def unite_bodies(path, points, triangles, rounding):

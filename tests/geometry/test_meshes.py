@@ -66,6 +66,7 @@ SOLIDS = {  # triangles, volume of the solid, what is said
     "inside out": (box()[:, ::-1], 1.0, ""),
     "two equal corners": (np.vstack([box(), [CORNERS[[0, 0, 1]]]]), 1.0, "1 triangles without area or written twice"),
     "three corners in a row": (needle(box()), 1.0, ""),
+    "a sliver beside it": (np.vstack([box(), [[(0, 0, 0), (0.5, 0, 0), (1, 0, 0)]]]), 1.0, "1 triangles without area"),
     "every triangle twice": (np.repeat(box(), 2, axis=0), 1.0, "12 triangles without area or written twice left out"),
     "some triangles twice": (np.vstack([box(), box()[2:5]]), 1.0, "3 triangles without area or written twice left out"),
     "corners a rounding apart": (by_a_rounding(box()), 1.0, "corners merged with others within 1e-05 m"),
@@ -109,6 +110,13 @@ def bars(overlap):
     along = [box((-100, p - 6, -6), (100, p + 6, 6)) for p in (-50, 0, 50)]
     low, high = 6 - overlap, 18 - overlap
     return np.vstack([*along, *(box((p - 6, -100, low), (p + 6, 100, high)) for p in (-50, 0, 50))])
+
+
+def test_a_bar_that_the_grid_does_not_see_is_refused(tmp_path):
+    path = stl(tmp_path / "bars.stl", np.vstack([box((0, 0, 0), (50, 50, 50)), box((61, 21, 1), (64, 24, 99))]))
+    with pytest.raises(mps.SceneError, match=r"cell = 0.005 m: 1 thinner bodies would be lost, the first of 0.003 x"):
+        mps.Solid.from_mesh(path, 0.005, 0.03, scale=1e-3)
+    assert (mps.Solid.from_mesh(path, 0.0015, 0.03, scale=1e-3).values < 0.0).any()
 
 
 @pytest.mark.parametrize("overlap", [0.1, 0.5, 2.0, 12.0])
