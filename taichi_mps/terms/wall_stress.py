@@ -103,9 +103,8 @@ class WallStress(Term):
             size = self.stress.shear_stress_magnitude(i, self.stress.viscosity(i, self.particles.shear_rate[i]))
             over = ti.max(0.0, size - self.stress.yield_stress(i))
             self.weight[i] = self.excess_weight(i, ti.sqrt(over / ti.max(self.half_layer_stress(i), 1e-12)), size)
-            flowing_fraction = self.weight[i]
-            if ti.static(self.stress.averages):  # the fraction of the layer up to the next row that flows
-                flowing_fraction = ti.min(flowing_fraction, over / ti.max(2.0 * self.half_layer_stress(i), 1e-12))
+            # the fraction of the layer up to the next row that flows
+            flowing_fraction = ti.min(self.weight[i], over / ti.max(2.0 * self.half_layer_stress(i), 1e-12))
             # part of the drive that the stress along a concave wall bears, half of it in a pipe [-]; left out at a
             # convex wall, along which a drive hardly ever acts
             bent = ti.cast(0.0, float)

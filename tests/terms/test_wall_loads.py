@@ -108,6 +108,18 @@ def test_the_torques_on_all_walls_are_what_the_angular_momentum_loses():
 
 
 @pytest.mark.slow
+def test_a_slow_paste_with_a_flow_curve_converges_in_a_full_vessel():
+    """Most of the paste stands between a cylinder and its cup, which bear the same torque."""
+    paste = {"yield_value": 7.48, "consistency": 1.655, "flow_index": 0.676, "density": 1900.0}
+    sim = mps.Simulation(catalogue.build("vane", body="cylinder", spacing=0.004, speed=0.06, **paste))
+    for _ in range(25):
+        report = sim.step()
+    torque = {name: load.torque[-1] for name, load in sim.snapshot().loads.items()}
+    assert report.strain_rate_residual < 0.05 and report.divergence_residual < 0.1
+    assert torque["vane"] == pytest.approx(-torque["cup"], rel=0.03)
+
+
+@pytest.mark.slow
 def test_what_turns_with_its_vessel_is_not_held_back():
     """A blade that turns with its cup moves as a rigid body with the fluid, without torque and strain."""
     spacing, turning = 0.005, {"angular_velocity": TURN}
