@@ -33,6 +33,8 @@ def scene(
     if bars % 4:
         raise mps.SceneError(f"bars = {bars}: must be a multiple of 4, a quarter is computed")
     gap = np.pi * ring_diameter / bars - bar_diameter
+    if gap <= 0.0:
+        raise mps.SceneError(f"bars = {bars}: leave no gap; must be fewer, or thinner than {1e3 * bar_diameter:g} mm")
     if gap < 2.0 * spacing:
         raise mps.SceneError(
             f"spacing = {spacing:g} m: must be at most half of the gap between bars, {0.5 * gap:.3g} m"

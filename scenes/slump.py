@@ -93,6 +93,9 @@ def scene(
     if lift_speed is not None and model in ("half", "quarter"):
         allowed = f"a mould that is lifted needs model = full or axisymmetric, not {model}"
         raise mps.SceneError(f"lift_speed = {lift_speed:g} m/s: {allowed}")
+    if floor_radius is not None and floor_radius <= 0.5 * base_diameter:
+        allowed = f"must be more than the radius of the cone, {0.5 * base_diameter:g} m"
+        raise mps.SceneError(f"floor_radius = {floor_radius:g} m: {allowed}")
     until = until or (TO_REST if material.rests else WITHOUT)
     cone = mps.Cone(0.5 * base_diameter, 0.5 * top_diameter, height)
     reach = floor_radius or floor_for(cone, material, until)

@@ -143,4 +143,5 @@ def meaning(name: str) -> str:
 def written(name: str, value: float) -> str:
     """Format the value of a result with its unit."""
     factor, unit, digits = unit_of_measure(name)
-    return f"{factor * value:{digits}} {unit}".rstrip()
+    text = f"{factor * value:{digits}}"
+    return f"{text.lstrip('-') if float(text) == 0.0 else text} {unit}".rstrip()

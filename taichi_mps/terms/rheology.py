@@ -206,6 +206,8 @@ class OwnLaw:
         if len(falls):
             rates, stresses = (f"{a[falls[0]]:.3g} to {a[falls[0] + 1]:.3g}" for a in (RATES, stress))
             broken = f"{self._named}: falls from {stresses} Pa from {rates} 1/s; must not fall with the rate"
+        elif not broken and abs(stress[0] - material.yield_value) > 1e-3 * max(material.yield_value, 1.0):
+            broken = f"{self._named}: gives {stress[0]:g} Pa at rest; must be yield_value = {material.yield_value:g} Pa"
         if broken:
             raise SceneError(broken)
 

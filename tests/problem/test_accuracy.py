@@ -161,11 +161,11 @@ def test_what_is_given_rules(capsys):
 def test_what_nothing_reaches_is_refused_with_the_best_there_is(monkeypatch):
     with pytest.raises(SceneError, match=r"accuracy = 1e-06 m: must be at least 0.\d+ m, which is model = "):
         mps.slump_cone(accuracy=1e-6)
-    with pytest.raises(SceneError, match="with spacing = 0.013: nothing was measured there$"):
+    with pytest.raises(SceneError, match="with spacing = 0.013 m: nothing was measured there; spacings of 2.5, .* mm were$"):
         mps.slump_cone(accuracy=0.005, spacing=0.013)
     swollen = [row._replace(volume=0.011) for row in measured()]
     monkeypatch.setattr("taichi_mps.problem.accuracy.measured", lambda: swollen)
     with pytest.raises(
-        SceneError, match="with spacing = 0.02: nothing was measured there that keeps the volume within 1 %$"
+        SceneError, match="with spacing = 0.02 m: nothing was measured there that keeps the volume within 1 %$"
     ):
         mps.slump_cone(accuracy=0.05, spacing=0.02)
