@@ -141,6 +141,13 @@ def possible(path: Path, named=False) -> Path:
     return user_path(path)
 
 
+def picture(path: Path) -> Path:
+    """Return the path of a picture; ValueError for a file of another kind, which might be something else."""
+    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise ValueError("must be a picture, .png, .svg or .pdf")
+    return path
+
+
 def absolute(path: str) -> str:
     """Return the path of a file that a run reads, from whatever folder it is read again; '' for none."""
     return path and str(user_path(path).absolute())
@@ -246,6 +253,7 @@ Text = Annotated[str, Strict()]
 Source = Annotated[str, AfterValidator(absolute)]  # file that a run reads
 Place = Annotated[Path, AfterValidator(possible)]  # of a folder or a file
 File = Annotated[Path, AfterValidator(partial(possible, named=True))]
+Picture = Annotated[File, AfterValidator(picture)]
 
 
 class Checked(BaseModel):

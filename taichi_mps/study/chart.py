@@ -6,7 +6,7 @@ import numpy as np
 
 from ..problem import catalogue
 from ..problem.labels import in_words, title, unit_of_measure
-from ..units import File, Place, SceneError, quote, unit_of, validated
+from ..units import Picture, Place, SceneError, quote, unit_of, validated
 from ..validation import columns as reference
 from ..viz.plots import COLOURS, _figure, _save
 from .curves import SHEAR_RATES
@@ -38,7 +38,7 @@ def set_log_ticks(axis, low: float, high: float, values=()) -> None:
 
 
 @validated
-def slump_chart(out: File, study: Place | None = None) -> Path:
+def slump_chart(out: Picture, study: Place | None = None) -> Path:
     """Draw slump and slump flow [cm] of the cone against yield stress, by a study, finite elements and formulas."""
     emulator = emulator_of(study)
     figure, (left, right) = _figure(13.0, 6.6, columns=2)

@@ -12,7 +12,7 @@ from pydantic import InstanceOf
 from ..geometry.cavity import Cavity
 from ..problem.labels import is_measure, title, unit_of_measure
 from ..problem.measures import Snapshot
-from ..units import File, Flag, plain, require, user_path, validated, writing
+from ..units import File, Flag, Picture, plain, require, user_path, validated, writing
 
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
 STYLE = {
@@ -71,7 +71,7 @@ def _colours(labels):
 
 @validated
 def slump_curve(
-    histories: dict[str, dict], out: File, references: dict[str, Sequence] | None = None, log_time: Flag = False
+    histories: dict[str, dict], out: Picture, references: dict[str, Sequence] | None = None, log_time: Flag = False
 ):
     """Plot the slump [cm], downwards, against time [s] of runs {label: history with time_s and slump_m}.
 
