@@ -124,9 +124,9 @@ def corners_and_faces(path, scale, body, tolerance):
             warnings.filterwarnings("error", "string or file could not be read")  # NumPy returns the part before it
             mesh = trimesh.load_mesh(file, file_type=kind, process=False, skip_materials=True)
             return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), []
-    except Exception as error:
+    except Exception:
         comma = re.search(rb"^[ \t]*(v|vertex)?([ \t]*[-+]?\d+,\d[-+\de]*){3}\s", path.read_bytes(), re.I | re.M)
-        why = "its numbers have a decimal comma; must have a point" if comma else type(error).__name__
+        why = "its numbers have a decimal comma; must have a point" if comma else "damaged or another format"
         raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({why})") from None
 
 

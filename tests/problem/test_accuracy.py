@@ -161,7 +161,9 @@ def test_what_is_given_rules(capsys):
 def test_what_nothing_reaches_is_refused_with_the_best_there_is(monkeypatch):
     with pytest.raises(SceneError, match=r"accuracy = 1e-06 m: must be at least 0.\d+ m, which is model = "):
         mps.slump_cone(accuracy=1e-6)
-    with pytest.raises(SceneError, match="with spacing = 0.013 m: nothing was measured there; spacings of 2.5, .* mm were$"):
+    with pytest.raises(
+        SceneError, match="with spacing = 0.013 m: nothing was measured there; spacings of 2.5, .* mm were$"
+    ):
         mps.slump_cone(accuracy=0.005, spacing=0.013)
     swollen = [row._replace(volume=0.011) for row in measured()]
     monkeypatch.setattr("taichi_mps.problem.accuracy.measured", lambda: swollen)
