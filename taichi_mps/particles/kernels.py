@@ -23,7 +23,7 @@ def smooth_weight(q):
 
 def kaiser_bessel(b: float) -> Callable:
     """The window (I0(b sqrt(1 - q^2)) - 1)/(I0(b) - 1) at q = r/re, 0 to 1 [-], as a series in 1 - q^2, the highest
-    power first; for b up to 11 its rest is below 1e-7."""
+    power first; for b up to 11 the terms left out are below 1e-7."""
     terms = [(0.25 * b**2) ** k / math.factorial(k) ** 2 for k in range(1, 17)]
     series = tuple(term / sum(terms) for term in reversed(terms))
 
