@@ -99,7 +99,7 @@ def together(rows: list[dict]) -> dict:
     if "slump_errors_m" in mean:
         mean["worst_slump_error_m"] = max(mean["slump_errors_m"], key=abs)
     for key in SCATTERS & set(mean):
-        mean[f"{key}_scatter"] = float(np.std([row[key] for row in rows], ddof=1))
+        mean[f"{key}_scatter"] = float(np.std([abs(row[key]) for row in rows], ddof=1))
     return {**mean, "runs": len(rows)}
 
 

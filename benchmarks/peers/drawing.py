@@ -83,6 +83,7 @@ def panels(results: list[dict]) -> dict[str, list[tuple[str, dict]]]:
                     .replace("creep rate 0.02 1/s, ", "")
                     .replace("voxel 1.5 l0, ", "")
                     .replace(", conservative gradient", "")
+                    .replace("twice the Courant number", "twice the step")
                 )
                 found.setdefault(title, []).append(
                     (f"{spacing} {'' if short == 'implicit' and spacing else short}", row)
