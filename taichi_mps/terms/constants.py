@@ -32,6 +32,9 @@ INERTIAL = 0.5  # hourglass modes of a thin fluid decay within about two natural
 # Over sqrt(a/l0), a = g + U^2/H: rate of the bonds below which the hourglass resistance of a yield-stress fluid stops
 # growing; slower motion that the gradient does not see creeps at a rate that no yield stress stops
 MIN_BOND_RATE = 3.5e-3
+# Without gravity, strain of the bonds in a natural step at that rate: of a slow flow the other would be so small that
+# the velocities of a plug are not solved for in single precision
+MIN_BOND_STRAIN = 5e-3
 # K = STIFFNESS rho (g H + U^2) times the natural step: the pressure rho (g H + U^2) compresses by 1/75 in an iteration
 STIFFNESS = 75.0
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
@@ -119,6 +122,9 @@ class Constants:
         step = self.natural_step = min(longest, courant_number * scene.spacing / speed) if speed else longest
         density = max(m.density for m in materials)
         inertia = density * height**2 * max(0.0, 1.0 / self.max_time_step - 1.0 / step)  # of shorter steps [Pa s]
+        min_bond_rate = MIN_BOND_RATE * (head / height / scene.spacing) ** 0.5
+        if not scene.gravity_vector.any():
+            min_bond_rate = max(min_bond_rate, MIN_BOND_STRAIN / step)
         frictions = [m.friction_coefficient for m in materials]
         # parts of mu_r of each mix, and of K [Pa s]; the latter and the plastic ones grow with the step
         self.viscous = [
@@ -135,7 +141,7 @@ class Constants:
             "friction": frictions,
             "inertial": [INERTIAL * m.density * scene.spacing**2 / step for m in materials],
             "layer_pressure": 0.5 * density * gravity * scene.spacing,
-            "min_bond_rate": MIN_BOND_RATE * (head / height / scene.spacing) ** 0.5,
+            "min_bond_rate": min_bond_rate,
             "reference_force": density * head / height,
             "own_step": step,
             "early_max_reduction": EARLY_MAX_REDUCTION if falls else 0.0,
