@@ -34,7 +34,7 @@ INERTIAL = 0.5  # hourglass modes of a thin fluid decay within about two natural
 MIN_BOND_RATE = 3.5e-3
 # Without gravity, strain of the bonds in a natural step at that rate: of a slow flow the other would be so small that
 # the velocities of a plug are not solved for in single precision
-MIN_BOND_STRAIN = 5e-3
+MIN_BOND_STRAIN = 1.5e-3
 # K = STIFFNESS rho (g H + U^2) times the natural step: the pressure rho (g H + U^2) compresses by 1/75 in an iteration
 STIFFNESS = 75.0
 VISCOUS_STIFFNESS = 8.0  # and K >= 8 mu_r: a slow flow is resisted by its viscosity, not by its weight
