@@ -54,9 +54,7 @@ def values(text: Text, key: Text = "values") -> list[str]:
         if steps not in ([], ["linear"]) or count < 2 or not math.isfinite(high - low):
             raise ValueError
     except ValueError:
-        raise SceneError(
-            f"{key} = {text}: must be a list, 20,50,100, or first:last:number[:linear]"
-        ) from None
+        raise SceneError(f"{key} = {text}: must be a list, 20,50,100, or first:last:number[:linear]") from None
     allowed = steps or min(low, high) > 0.0
     require(allowed, f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
     require(count <= MAX_CASES, f"{key} = {text}: must be at most {MAX_CASES} values")

@@ -78,7 +78,7 @@ def slump_curve(
     references: {label: (time [s], slump [m])}, dashed, in the colour of the run with the same label.
     """
     slumps = [run["slump_m"] for run in histories.values()]
-    require(any(np.isfinite(slump).any() for slump in slumps), f"plot: {', '.join(histories)}: must have a slump")
+    require(any(np.isfinite(slump).any() for slump in slumps), f"histories = {[*histories]}: must have a slump")
     figure, axes = _figure(8.0, 4.8)
     references = references or {}
     colour = _colours([*histories, *references])
