@@ -177,7 +177,7 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
             tab.part("forecast", "5,504 particles of 10 mm").wait_for(state="attached")
             tab.set(spacing=text)
             tab.part("forecast", "675 particles of 20 mm").wait_for(state="attached")
-        tab.set(accuracy="6mm")
+        tab.set(accuracy="7mm")
         tab.page.locator(".remark", has_text="model = ").wait_for()
         tab.field("model").select_option("half")
         tab.page.locator(".remark", has_text="has no effect").wait_for()
