@@ -108,11 +108,12 @@ np.savez(sys.argv[1], **found)
 )
 def test_both_languages_compute_the_same(tmp_path):
     """Taichi and Quadrants agree to rounding where the pressure is solved to rounding, and in the implicit scheme to
-    the tolerance of its early solves and the displacement that this causes."""
+    the tolerance of its early solves and the displacement that this causes. What these leave in the pressure differs
+    between processors: bounds are three times the worst seen."""
     for name in workarounds.LANGUAGES:
         child("-c", RUN, str(tmp_path / f"{name}.npz"), TAICHI_MPS_KERNELS=name)
     ours, theirs = (np.load(tmp_path / f"{name}.npz") for name in workarounds.LANGUAGES)
-    for name, tolerance in (("slump u", 2e-5), ("slump p", 1e-4), ("film x", 1e-9), ("film u", 1e-6)):
+    for name, tolerance in (("slump u", 2e-5), ("slump p", 5e-4), ("film x", 1e-9), ("film u", 1e-6)):
         assert np.abs(ours[name] - theirs[name]).max() <= tolerance * np.abs(ours[name]).max(), name
     way = np.abs(ours["slump u"]).max() * ours["slump t"]
     assert np.abs(ours["slump x"] - theirs["slump x"]).max() <= 2e-5 * way
