@@ -490,6 +490,13 @@ def test_a_checkpoint_of_another_version_or_scene_is_refused(tmp_path, slump):
         checkpoint.read(path)
 
 
+def test_a_rational_rate_stays_as_it_was_when_a_run_goes_on_for_longer(tmp_path):
+    scene = mps.slump_cone(critical_strain_rate="rational", until=2.0, spacing=0.05, model="axisymmetric")
+    state = checkpoint.read(checkpoint.save(Falling(scene), tmp_path / "checkpoint.h5"))
+    longer = state.scene(4.0)
+    assert longer.until == 4.0 and longer.material == scene.material
+
+
 @pytest.mark.parametrize(
     "change",
     [

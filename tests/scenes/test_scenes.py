@@ -4,6 +4,7 @@
 import ast
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -79,6 +80,13 @@ def test_scene_file_says_what_it_is(name):
     scene = catalogue.build(name, **COARSE.get(name, {}))
     assert scene.name == name and scene.measure is not None
     assert name in METHODS | POURED | {"vane"} or len(scene.wall_particles) > 0  # also for the paper's scheme
+
+
+@pytest.mark.parametrize(("name", "key"), [("wall", "form"), ("wall", "rebar"), ("printing", "gcode")])
+def test_a_file_that_a_run_reads_is_kept_by_its_full_path(name, key):
+    parameters = catalogue.load(name).parameters
+    assert getattr(parameters(**{key: "here.stl"}), key) == str(Path("here.stl").absolute())
+    assert getattr(parameters(), key) == ""
 
 
 def test_a_vane_is_measured_without_loads_too_as_a_replay_has_none():
