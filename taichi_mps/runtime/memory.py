@@ -13,7 +13,7 @@ PROCESS_LIMITS = {"Max address space": 0, "Max data size": 5}  # of ulimit -v, -
 
 
 class ShortOfMemoryError(SceneError, MemoryError):
-    """What would not fit into the memory that is there now."""
+    """Error for a run that would not fit into the memory that is there now."""
 
 
 def memory(root: str = "/") -> int | None:
