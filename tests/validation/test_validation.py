@@ -44,6 +44,8 @@ MISSED = {
     ("semi-implicit", "rotating_disc", "loss of angular momentum"): 4.0,
     ("semi-implicit", "rotating_sphere", "loss of angular momentum"): 4.0,
 }
+# of which a target is missed on one processor and met on another: 0.60 % on an Intel Xeon, 0.23 % on an AMD EPYC
+MAY_MEET = {"slump_100_axisymmetric"}
 
 
 QUICK = tuple(name for name, row in ROWS.items() if row.quick)
@@ -62,15 +64,16 @@ def setting(monkeypatch):
 
 @pytest.mark.parametrize(("scheme", "name"), [CASES[0], *(pytest.param(*c, marks=pytest.mark.slow) for c in CASES[1:])])
 def test_a_row_meets_its_targets_but_for_what_is_known_to_miss(scheme, name, setting):
-    """A row, compiled and run as by `taichi-mps validate`, misses no targets but those that MISSED names; on another
-    processor it may meet one of these."""
+    """A row, compiled and run as by `taichi-mps validate`, misses exactly the targets that MISSED names, but for what
+    another processor MAY_MEET."""
     result = table.run_row(name, scheme)
     backend.init(arch="cpu", precision="f64", threads=1)  # as the other tests of this file
     assert result["error"] is None and result["numbers"]
     known = {part: most for (*row, part), most in MISSED.items() if row == [scheme, name]}
     for number in result["numbers"]:
         most = next((most for part, most in known.items() if part in number["quantity"]), None)
-        assert (number["met"] or most) and abs(number["value"]) <= (most or number["target"]), number
+        assert number["met"] is (most is None) or (name in MAY_MEET and number["met"]), number
+        assert abs(number["value"]) <= (most or number["target"]), number
 
 
 def test_kept_results_are_of_rows_of_the_table():
