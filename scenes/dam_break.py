@@ -6,18 +6,18 @@ Run time: about 20 CPU-seconds for 0.3 s at the default spacing.
 """
 
 import sys
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Duration, Length, Speed
+from taichi_mps.units import Duration, Length, Only, Speed
 
 # Martin & Moyce (1952) fig. 3, a = 2.25 in, n^2 = 2, digitised (+-0.05): t sqrt(2 g/a), z/a
 FRONT = np.array([[0.832, 1.217], [1.219, 1.474], [1.997, 2.292], [2.547, 2.995], [3.345, 4.134]])
 
-
+OPEN_BOX = Only("model", ("half",))
 SIDE = 0.005  # thickness of the side walls of the open box [m]
 
 
@@ -66,12 +66,14 @@ def scene(
     material: mps.Concrete = mps.Newtonian(),
     spacing: Length = 0.0073,
     column_width: Length = Field(0.146, description="width of the column, along the flow"),
-    column_height: Length | None = Field(None, description="height of the column, by default twice its width"),
-    depth: Length = Field(0.04, description="of model half: depth of the box, across the flow"),
-    floor_length: Length | None = Field(
+    column_height: Annotated[Length | None, OPEN_BOX] = Field(
+        None, description="of model half: height of the block, by default twice its width"
+    ),
+    depth: Annotated[Length, OPEN_BOX] = Field(0.04, description="of model half: depth of the box, across the flow"),
+    floor_length: Annotated[Length | None, OPEN_BOX] = Field(
         None, description="of model half: free floor in front of the gate, by default 10 heights"
     ),
-    lift_speed: Speed | None = None,
+    lift_speed: Annotated[Speed | None, OPEN_BOX] = None,
     until: Duration = 0.3,
     model: Literal["plane", "half"] = "plane",
 ) -> mps.Scene:
@@ -80,9 +82,6 @@ def scene(
     0, or lifted from then on with ``lift_speed``."""
     a, box = column_width, model == "half"
     height = column_height or 2.0 * a
-    if not box and (lift_speed or column_height):
-        given = f"lift_speed = {lift_speed:g} m/s" if lift_speed else f"column_height = {column_height:g} m"
-        raise mps.SceneError(f"{given}: belongs to the open box; must be left out, or model = half")
     beyond = floor_length or 10.0 * height
 
     def measure(s):

@@ -6,13 +6,15 @@ Run time: about half a CPU-minute at the default spacing, on a busy machine, and
 """
 
 import sys
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Duration, Length, Speed
+from taichi_mps.units import Duration, Length, Only, Speed
+
+IN_SPACE = Only("model", ("half", "full"))
 
 
 @mps.checked
@@ -21,10 +23,10 @@ def scene(
     spacing: Length = 0.0125,
     column_depth: Length = Field(0.1, description="length of the column of concrete"),
     column_height: Length = Field(0.4, description="height of the column of concrete"),
-    width: Length = Field(0.2, description="width of the vessel"),
+    width: Annotated[Length, IN_SPACE] = Field(0.2, description="width of the vessel"),
     opening: Length = Field(0.15, description="height of the gate"),
     channel_length: Length = Field(0.9, description="length of the channel in front of the gate"),
-    sides: Literal["smooth", "rough"] = "smooth",
+    sides: Annotated[Literal["smooth", "rough"], IN_SPACE] = "smooth",
     lift_speed: Speed | None = None,
     until: Duration = 5.0,
     model: Literal["half", "plane", "full"] = "half",

@@ -6,13 +6,14 @@ Run time: three CPU-seconds to rest at the default spacing, six of a soft mix, a
 """
 
 import sys
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Duration, Length
+from taichi_mps.units import Duration, Length, Only
 
+IN_SPACE = Only("model", ("half",))
 TO_REST, WITHOUT = 3600.0, 10.0  # time limits [s] of what comes to rest by itself, and of what does not
 
 
@@ -21,10 +22,10 @@ def scene(
     material: mps.Concrete = mps.Bingham(yield_value=100.0, plastic_viscosity=20.0),
     spacing: Length = 0.0125,
     length: Length = Field(1.2, description="length of the box"),
-    width: Length = Field(0.2, description="width of the box"),
+    width: Annotated[Length, IN_SPACE] = Field(0.2, description="width of the box"),
     height: Length = Field(0.15, description="height of the box"),
     block: Length = Field(0.2, description="length of the concrete before it flows"),
-    sides: Literal["rough", "smooth"] = "rough",
+    sides: Annotated[Literal["rough", "smooth"], IN_SPACE] = "rough",
     until: Duration | None = Field(
         None, description="time limit, by default an hour, or 10 s of what does not come to rest"
     ),

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, ValidationInfo
 
 import taichi_mps as mps
 from taichi_mps.problem.tool_path import read_gcode, straight_runs
-from taichi_mps.units import Count, Duration, FlowRate, Length, Source
+from taichi_mps.units import Count, Duration, FlowRate, Length, Only, Source
 
 FAILED = 0.01  # by how much wider a foot has failed; it bears as much more, twice as much in a column
 COLLAPSED = 0.1  # by how much wider than it was laid a layer of a tool path has collapsed
@@ -24,6 +24,7 @@ TURN = np.radians(10.0)  # by which a bead may bend that a mouth lays without tu
 # have both, of Gao, Wang and Wang (2022), 3D Printing Concrete Mix Design Open Dataset, Zenodo 6828947, CC BY 4.0.
 MORTARS = {"uf-1": (2411.0, 19.0), "uf-2": (3350.0, 16.65), "uf-9": (786.0, 36.9), "uf-10": (398.0, 34.0)}
 USUAL = mps.Bingham(yield_value=2000.0, plastic_viscosity=50.0)
+WITH, WITHOUT = Only("gcode"), Only("gcode", False)
 THRESHOLD = {"section": 2.0, "path": 2.0, "column": 3.0**0.5}  # rho g H/tau_y at which what is slender fails
 
 
@@ -36,11 +37,13 @@ def model_of(model: str, given: ValidationInfo) -> str:
 def scene(
     material: mps.Concrete = USUAL,
     spacing: Length = 0.005,
-    width: Length = Field(0.04, description="width of the wall, diameter of the column"),
-    layer_height: Length = Field(0.01, description="height of a layer"),
-    layers: Annotated[Count, Field(description="layers that are printed")] = 25,
-    layer_time: Duration = Field(2.0, description="time of a layer"),
-    length: Length = Field(0.2, description="length of the wall that the nozzle goes along, of model path"),
+    width: Annotated[Length, WITHOUT] = Field(0.04, description="width of the wall, diameter of the column"),
+    layer_height: Annotated[Length, WITHOUT] = Field(0.01, description="height of a layer"),
+    layers: Annotated[Count, WITHOUT, Field(description="layers that are printed")] = 25,
+    layer_time: Annotated[Duration, WITHOUT] = Field(2.0, description="time of a layer"),
+    length: Annotated[Length, Only("model", ("path",))] = Field(
+        0.2, description="length of the wall that the nozzle goes along, of model path"
+    ),
     floor: Annotated[
         Literal["smooth", "rough"], Field(description="whether the concrete slips on the floor")
     ] = "rough",
@@ -52,8 +55,8 @@ def scene(
         Source,
         Field(description="tool path (G-code) in place of width, height, layers and length; the model is then gcode"),
     ] = "",
-    print_rate: Annotated[FlowRate | None, Field(description="what the nozzle delivers, in place of E")] = None,
-    filament_diameter: Annotated[Length | None, Field(description="of the filament whose length E is")] = None,
+    print_rate: Annotated[FlowRate | None, WITH, Field(description="what the nozzle delivers, in place of E")] = None,
+    filament_diameter: Annotated[Length | None, WITH, Field(description="of the filament whose length E is")] = None,
     until: Duration | None = None,
     model: Annotated[Literal["section", "column", "path", "gcode"], AfterValidator(model_of)] = Field(
         "section", validate_default=True

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Count, Duration, Length, Ratio, RotationSpeed
+from taichi_mps.units import Count, Duration, Length, Only, Ratio, RotationSpeed
 
 
 def cylinder_torque(turn, inner, outer, shear_rate):
@@ -35,9 +35,9 @@ def scene(
     radius: Length = Field(0.02, description="radius of the vane"),
     height: Length = Field(0.06, description="height of the vane"),
     cup_radius: Length = Field(0.05, description="radius of the cup"),
-    blades: Annotated[Count, Field(description="blades of the vane")] = 6,
-    thickness: Length = Field(0.001, description="thickness of a blade"),
-    turns: Annotated[Ratio, Field(description="share of a turn that is computed")] = 0.25,
+    blades: Annotated[Count, Only("body", ("vane",)), Field(description="blades of the vane")] = 6,
+    thickness: Annotated[Length, Only("body", ("vane",))] = Field(0.001, description="thickness of a blade"),
+    turns: Annotated[Ratio, Only("until", False), Field(description="share of a turn that is computed")] = 0.25,
     until: Duration | None = None,
     model: Literal["section", "full"] = "section",
 ) -> mps.Scene:

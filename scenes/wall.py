@@ -14,10 +14,11 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Duration, FlowRate, Length, Position, Ratio, Source
+from taichi_mps.units import Duration, FlowRate, Length, Only, Position, Ratio, Source
 
 FREE = 0.06  # height of the mouth above the form [m]
 NEAR, LIFT = 0.3, 0.3  # of a hose that rises: above the mean level; of what it places in one pass along the form [m]
+WALL, FORM = Only("form", False), Only("form")
 LEAST, AFTER = 10.0, 5.0  # time limit: at least, and after the last layer [s]
 
 
@@ -25,33 +26,41 @@ LEAST, AFTER = 10.0, 5.0  # time limit: at least, and after the last layer [s]
 def scene(
     material: mps.Concrete = mps.Bingham(yield_value=60.0, plastic_viscosity=20.0),
     spacing: Length = 0.02,
-    length: Length = Field(0.8, description="length of the form"),
-    width: Length = Field(0.2, description="thickness of the wall"),
-    height: Length = Field(0.4, description="height of the form"),
-    bar_diameter: Length = Field(0.016, description="diameter of the reinforcing bars"),
-    bar_distance: Length = Field(0.2, description="distance of the bars"),
-    cover: Length = Field(0.03, description="concrete cover of the bars"),
+    length: Annotated[Length, WALL] = Field(0.8, description="length of the form"),
+    width: Annotated[Length, WALL] = Field(0.2, description="thickness of the wall"),
+    height: Annotated[Length, WALL] = Field(0.4, description="height of the form"),
+    bar_diameter: Annotated[Length, WALL] = Field(0.016, description="diameter of the reinforcing bars"),
+    bar_distance: Annotated[Length, WALL, Only("rebar", False)] = Field(0.2, description="distance of the bars"),
+    cover: Annotated[Length, WALL, Only("rebar", False)] = Field(0.03, description="concrete cover of the bars"),
     rebar: Annotated[Source, Field(description="mesh of one curtain (STL, OBJ, PLY), bars of its own by default")] = "",
-    rebar_scale: Annotated[Ratio, Field(description="metres a unit of that file, 0.001 where it is in mm")] = 1.0,
+    rebar_scale: Annotated[
+        Ratio, Only("rebar"), Field(description="metres a unit of that file, 0.001 where it is in mm")
+    ] = 1.0,
     form: Annotated[
         Source,
         Field(description="body to be cast, open at its highest face (STEP, STL, OBJ, PLY), in place of these walls"),
     ] = "",
-    form_body: Annotated[str, Field(description="which body of an assembly in that file is cast, all by default")] = "",
-    form_scale: Annotated[Ratio, Field(description="metres a unit of that file; a STEP file has its own unit")] = 1.0,
+    form_body: Annotated[
+        str, FORM, Field(description="which body of an assembly in that file is cast, all by default")
+    ] = "",
+    form_scale: Annotated[
+        Ratio, FORM, Field(description="metres a unit of that file; a STEP file has its own unit")
+    ] = 1.0,
     fill_point: Annotated[
         tuple[Position, Position] | None,
+        FORM,
         Field(description="x and y of the hose above that form, by default where it is widest"),
     ] = None,
     hose_diameter: Length = Field(0.12, description="diameter of the hose"),
     rate: FlowRate = Field(0.012, description="what the hose delivers"),
     hose: Annotated[
         Literal["above", "rising", "moving"],
+        WALL,
         Field(description="where the hose is: fixed above the form, or near the concrete"),
     ] = "above",
     fill_ratio: Ratio = Field(0.95, description="share of the form that is poured"),
     sides: Literal["smooth", "rough"] = "smooth",
-    measure_pressure: bool = Field(False, description="measure the pressure on the sides"),
+    measure_pressure: Annotated[bool, WALL] = Field(False, description="measure the pressure on the sides"),
     until: Annotated[
         Duration | None, Field(description=f"time limit, by default {AFTER:g} s after pouring, {LEAST:g} s at least")
     ] = None,
@@ -64,8 +73,6 @@ def scene(
         raise mps.SceneError(f"spacing = {spacing:g} m: must be at most a third of the hose, {hose_diameter / 3.0:g} m")
     half, smooth = 0.5 * width, sides == "smooth"
     if form:
-        if measure_pressure or hose != "above":
-            raise mps.SceneError(f"form = {form}: must be filled by hose = above, without measure_pressure")
         cell, reach = 0.5 * spacing, 2.5 * spacing
         bars = [mps.Solid.from_mesh(rebar, cell, reach, scale=rebar_scale, name="bars")] if rebar else []
         opening = FREE + 4.0 * spacing + reach  # so high the form goes on above its highest face, around the mouth

@@ -6,7 +6,7 @@ import os
 from contextlib import contextmanager
 from functools import cache, partial, wraps
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import (
@@ -125,6 +125,21 @@ class Unit(str):
         self = super().__new__(cls, unit)
         self.hint = hint
         return self
+
+
+class Only(NamedTuple):
+    """Note of a keyword that has an effect only beside these values of another one, or where that is given or not."""
+
+    key: str
+    values: tuple | bool = True
+
+    def why_not(self, value) -> str:
+        """Return what is allowed instead where the other keyword has this value, '' where all is well."""
+        if isinstance(self.values, tuple):
+            return "" if value in self.values else f"must be left out, or {self.key} = {' or '.join(self.values)}"
+        if bool(value) == self.values:
+            return ""
+        return f"has no effect with{'out' * self.values} {self.key}; must be left out"
 
 
 def no_number_in_disguise(value):
@@ -260,15 +275,31 @@ class Checked(BaseModel):
     """A frozen record whose values are checked on construction; a violation raises SceneError."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+    rules: ClassVar[list[tuple[str, Only]]] = []
 
     def __init__(self, **values: Any) -> None:
         try:
             super().__init__(**values)
         except ValidationError as error:
             raise SceneError(explain(error, type(self))) from None
+        for name, allowed in self.without_effect(vars(self)).items():
+            value = quote(vars(self)[name], unit_of(type(self).model_fields[name]).strip("-"))
+            raise SceneError(f"{name} = {value}: {allowed}")
+
+    @classmethod
+    def without_effect(cls, values: dict) -> dict[str, str]:
+        """Find the keywords that are given and have no effect beside the others, {name: what is allowed instead}."""
+        default = {name: field.default for name, field in cls.model_fields.items()}
+        given = default | values
+        return {
+            name: note.why_not(given[note.key])
+            for name, note in cls.rules
+            if given[name] != default[name] and note.why_not(given[note.key])
+        }
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        cls.rules = [(k, note) for k, field in cls.model_fields.items() for note in notes(field) if type(note) is Only]
         cls.__pydantic_validator__  # noqa: B018  (build now, so that a wrong declaration fails at import)
 
     @classmethod

@@ -9,6 +9,7 @@ from collections import Counter
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import Field
 
@@ -24,7 +25,7 @@ from ..study.require import Wanted, require_bingham, runs_to_expect
 from ..study.require import require as find_borders
 from ..study.sweep import ACCURACY, CHOOSES, LOST, cases, sweep, wall_time
 from ..study.tables import measures
-from ..units import Checked, Count, SceneError, Speed, plain, quote, require, user_path
+from ..units import Checked, Count, Only, SceneError, Speed, plain, quote, require, user_path
 from . import case_file
 from .options import DONE, JSON, Workers, command, given, parse_scene, read_back, tell
 
@@ -73,14 +74,14 @@ class Lookup(Checked):
     table: str | None = Field(
         None, description="a laboratory's list, CSV: one mix a line, columns as slump [cm], slump flow [cm]"
     )
-    out: str | None = Field(
+    out: Annotated[str | None, Only("table")] = Field(
         None,
         description="of --table: the results, CSV, beside them a chart and a page; mixes-calibrated.csv by default",
     )
-    executor: str | None = Field(
+    executor: Annotated[str | None, Only("table")] = Field(
         None, description="of --table: local or dask://HOST:PORT, by default here, one after the other"
     )
-    workers: Count | None = Field(
+    workers: Annotated[Count | None, Only("table")] = Field(
         None, description="of --table: processes of this machine, one for each CPU with --executor local"
     )
 
@@ -241,9 +242,6 @@ def calibrate(arguments) -> int:
     measurements, options = given(arguments, Measurements), Lookup(**given(arguments, Lookup))
     if options.table:
         return calibrate_table(arguments, options, measurements)
-    for name in ("out", "executor", "workers"):
-        value = getattr(options, name)
-        require(not value, f"{name} = {value}: belongs to --table; must be left out")
     result = one_mix.calibrate(**measurements, study=options.study, check=options.check, lift_speed=options.lift_speed)
     return tell(arguments, result.facts(), result)
 

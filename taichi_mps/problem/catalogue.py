@@ -233,7 +233,9 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
     )
     if parameters.get("consistency") is not None and "plastic_viscosity" in parameters:
         parameters = parameters | {"plastic_viscosity": None}  # stood there without effect, before 0.3
-    return build(source if scene_file is None else scene_file, **parameters)
+    name = source if scene_file is None else scene_file
+    unused = load(name).parameters.without_effect(parameters)  # which an earlier version took
+    return build(name, **{key: value for key, value in parameters.items() if key not in unused})
 
 
 @validated

@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -14,6 +15,7 @@ from ..units import (
     Duration,
     Flag,
     Length,
+    Only,
     SceneError,
     Speed,
     Viscosity,
@@ -67,11 +69,15 @@ class Measurements(Checked):
     yield_value: YieldValue | None = Field(None, description="yield stress, if known, of a rheometer")
     plastic_viscosity: Viscosity | None = Field(None, description="plastic viscosity, if known, of a rheometer")
     rho: Density = Field(DENSITY, description="density")
-    slump_error: Length = Field(0.005, description="standard error of the slump")
-    spread_error: Length = Field(0.01, description="standard error of the slump flow")
-    t500_error: Duration = Field(0.2, description="standard error of the time")
-    mini_cone_error: Length = Field(0.002, description="standard error of the slump flow of the mini-cone")
-    v_funnel_error: Duration | None = Field(None, description="standard error of the time, by default a tenth of it")
+    slump_error: Annotated[Length, Only("slump")] = Field(0.005, description="standard error of the slump")
+    spread_error: Annotated[Length, Only("spread")] = Field(0.01, description="standard error of the slump flow")
+    t500_error: Annotated[Duration, Only("t500")] = Field(0.2, description="standard error of the time")
+    mini_cone_error: Annotated[Length, Only("mini_cone")] = Field(
+        0.002, description="standard error of the slump flow of the mini-cone"
+    )
+    v_funnel_error: Annotated[Duration | None, Only("v_funnel")] = Field(
+        None, description="standard error of the time, by default a tenth of it"
+    )
 
     def error(self, test: str) -> float:
         """Return the standard error of a measurement.

@@ -109,7 +109,7 @@ def measurements_of(row: dict[str, str]) -> dict[str, str]:
         field, unit = field_and_unit(column)
         if field and value and value.strip():
             found[field] = f"{value} {unit * without_unit(value)}".strip()
-    return found
+    return {name: value for name, value in found.items() if name.removesuffix("_error") in found}
 
 
 def has_zero_slump(measured: dict[str, str]) -> bool:

@@ -8,7 +8,7 @@ import pytest
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.cli.options import allowed, default
+from taichi_mps.cli.options import allowed, choices, default
 from taichi_mps.problem import catalogue
 from taichi_mps.units import Checked, Duration, Length, Unit, YieldValue, unit_of
 
@@ -126,3 +126,26 @@ def test_a_scene_of_ones_own_with_plain_keywords_goes_on_working(tmp_path, monke
     assert scene.parameters == {"yield_value": 250.0, "density": 2300.0, "spacing": 0.1}
     with pytest.raises(mps.SceneError, match="^density = 2.3 kg/m3: must be greater than or equal to 200 kg/m3"):
         catalogue.build(str(path), density=2.3)
+
+
+@pytest.mark.parametrize(
+    ("scene", "given", "message"),
+    [
+        ("vane", {"body": "cylinder", "blades": 8}, "blades = 8: must be left out, or body = vane"),
+        ("dam_break", {"depth": "5cm"}, "depth = 0.05 m: must be left out, or model = half"),
+        (
+            "wall",
+            {"fill_point": (0.1, 0.1)},
+            r"fill_point = \(0.1, 0.1\): has no effect without form; must be left out",
+        ),
+        ("l_flow", {"model": "plane", "width": 0.3}, "width = 0.3 m: must be left out, or model = half or full"),
+        ("vane", {"turns": 0.1, "until": 1.0}, "turns = 0.1: has no effect with until; must be left out"),
+    ],
+)
+def test_an_option_without_effect_is_refused_but_in_a_run_of_an_earlier_version(scene, given, message):
+    with pytest.raises(mps.SceneError, match=f"^{message}$"):
+        catalogue.build(scene, **given)
+    assert catalogue.rebuild(scene, given).name == scene
+    for name, note in catalogue.load(scene).parameters.rules:
+        other = catalogue.load(scene).parameters.model_fields[note.key]
+        assert name != note.key and set(note.values if isinstance(note.values, tuple) else ()) <= set(choices(other))

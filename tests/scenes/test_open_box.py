@@ -28,7 +28,7 @@ def test_the_gate_holds_what_it_has_not_left_yet():
 
 
 def test_the_open_box_is_told_from_the_tank():
-    with pytest.raises(mps.SceneError, match="lift_speed = 1 m/s: belongs to the open box; must be left out, or model"):
+    with pytest.raises(mps.SceneError, match="lift_speed = 1 m/s: must be left out, or model = half"):
         catalogue.build("dam_break", lift_speed=1.0)
     half = catalogue.build("dam_break", **BLOCK | {"column_width": 0.0337})  # no multiple of the spacing
     volume = 2.0 * len(half.fluid) * half.spacing**3

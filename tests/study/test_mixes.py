@@ -84,7 +84,8 @@ def test_workers_find_what_one_process_finds(rows, found, broken, monkeypatch):
         (["--table", "{}", "--executor", "slurm://here"], "executor = slurm://here: a mix takes a tenth of a second"),
         (["--table", "{}", "--executor", "dask://here:1", "--workers", "2"], "workers = 2: are processes of this"),
         (["--table", "{}", "--workers", "0"], "workers = 0"),
-        (["--slump", "20cm", "--workers", "2"], "workers = 2: belongs to --table"),
+        (["--slump", "20cm", "--t500-error", "1s"], "t500_error = 1 s: has no effect without t500; must be left out"),
+        (["--slump", "20cm", "--workers", "2"], "workers = 2: has no effect without table"),
         (["--table", "{}", "--slump", "20cm"], "slump: stands in the table's own columns"),
         (["--table", "{0.parent}"], "a study is named by --study"),
     ],
@@ -186,10 +187,12 @@ HEADS = {  # by field a cell, its value in SI units, and what people write above
 @pytest.mark.parametrize("field", HEADS)
 def test_a_column_is_known_by_what_people_write_above_it(field):
     cell, value, heads = HEADS[field]
+    others = {"slump [cm]": "18", "slump flow [cm]": "40"} if "error" in field else {}  # of what it is an error
     for column in heads.split("|"):
-        measured = measurements_of({column: cell, "note": "of 7 cm"})
-        assert measured.keys() == {field}, column
+        measured = measurements_of({column: cell, "note": "of 7 cm"} | others)
+        assert measured.keys() == {field, *measurements_of(others)}, column
         assert getattr(Measurements(**measured), field) == value, column
+        assert not others or not measurements_of({column: cell})  # alone it says nothing, as in a row without slump
 
 
 ROWS = [(0.185, 0.321), (0.21, 0.344)]  # slump and slump flow [m] of the lists below
