@@ -19,6 +19,7 @@ from taichi_mps.units import Duration, FlowRate, Length, Only, Position, Ratio, 
 FREE = 0.06  # height of the mouth above the form [m]
 NEAR, LIFT = 0.3, 0.3  # of a hose that rises: above the mean level; of what it places in one pass along the form [m]
 WALL, FORM = Only("form", False), Only("form")
+LONGEST = 24.0  # of a mesh, of which the bars are one [m]
 LEAST, AFTER = 10.0, 5.0  # time limit: at least, and after the last layer [s]
 
 
@@ -26,9 +27,9 @@ LEAST, AFTER = 10.0, 5.0  # time limit: at least, and after the last layer [s]
 def scene(
     material: mps.Concrete = mps.Bingham(yield_value=60.0, plastic_viscosity=20.0),
     spacing: Length = 0.02,
-    length: Annotated[Length, WALL] = Field(0.8, description="length of the form"),
+    length: Annotated[Length, Field(le=LONGEST), WALL] = Field(0.8, description="length of the form"),
     width: Annotated[Length, WALL] = Field(0.2, description="thickness of the wall"),
-    height: Annotated[Length, WALL] = Field(0.4, description="height of the form"),
+    height: Annotated[Length, Field(le=LONGEST), WALL] = Field(0.4, description="height of the form"),
     bar_diameter: Annotated[Length, WALL] = Field(0.016, description="diameter of the reinforcing bars"),
     bar_distance: Annotated[Length, WALL, Only("rebar", False)] = Field(0.2, description="distance of the bars"),
     cover: Annotated[Length, WALL, Only("rebar", False)] = Field(0.03, description="concrete cover of the bars"),

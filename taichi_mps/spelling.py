@@ -69,7 +69,7 @@ liter = 1e-3 meter ** 3 = l = L = litre = ltr = Ltr = lt
 cubic_centimeter = centimeter ** 3 = cc = ccm
 cubic_meter = meter ** 3 = cbm = cum
 liter_a_minute = liter / minute = lpm = LPM
-turn = [angle] = rev = revolution = cycle = U = Umdr = umdr = umdrehung = umdrehungen = r = tr = tour = giri
+turn = [angle] = rev = revolution = rotation = cycle = U = Umdr = umdr = umdrehung = umdrehungen = r = tr = tour = giri
 turn_a_minute = turn / minute = rpm = RPM = Rpm = Upm = UPM = upm
 turn_a_second = turn / second = rps
 degree = turn / 360 = deg = Deg = DEG
@@ -91,6 +91,8 @@ ALIKE = {
     "u": "µμ",
     "^": "ˆ",
     "": "{}",
+    "s": "秒",
+    "min": "分",
 }
 ALIKE = {ord(character): to for to, others in ALIKE.items() for character in others}
 
@@ -100,6 +102,7 @@ NUMBER = re.compile(
 )
 
 SPELLINGS = [  # of units, one after the other; in the end names, '^' before a digit, '*', '/' and brackets are left
+    (r"(?i)\br\. ?p\. ?m\b\.?", "rpm"),
     (r"%", " percent "),
     (r"‰", " permille "),
     (r"°", " degree "),

@@ -117,7 +117,7 @@ def test_any_value_inside_its_range_is_taken_and_kept(density, yield_value, rate
          "|300 MM"),
         ("m", -0.005, "-5mm|−5 mm|-0,5 cm|-5E-3|-.5cm"),
         ("m", 0.01016, "0.4 in|0.4\"|0.4″|0.4''|0.4 inches|0,4 in."),
-        ("s", 120.0, "2 min|2 mins|120 sec.|2 minutes|2 Minuten|0.03333333333333333333333 h"),
+        ("s", 120.0, "2 min|2 mins|120 sec.|2 minutes|2 Minuten|120 秒|2分|0.03333333333333333333333 h"),
         ("m3/s", 0.012, "12 l/s|12 L/s|43.2 m3/h|43,2 m³/h|720 l/min|720 lpm|12 dm³/s|12 litres per second"
          "|43.2 m^3 h^-1"),
         ("m/s", 0.1, "100 mm/s|0.1 m s-1|0.1 m·s⁻¹|0.1 ms-1|6 m/min|0,36 km/h"),
@@ -132,7 +132,7 @@ def test_any_value_inside_its_range_is_taken_and_kept(density, yield_value, rate
         ("Pa s/m", 5.0, "5 Pa s/m|5 Pa/(m/s)|5 Pa·s·m⁻¹"),
         ("1/s", 0.1, "6 1/min|6 min^-1|6 min⁻¹|6/min|6 per minute|0.1 Hz|0.1 s-1|0.1 (1/s)|0,1 s^(-1)"),
         ("rpm", 30.0, "30 rpm|30 1/min|30 min^-1|30 min⁻¹|30 U/min|30 r/min|0.5 Hz|0,5 rev/s|0.5 s-1|180 °/s|30 RPM"
-         "|30 turns per minute"),
+         "|30 turns per minute|30 rotations/min|30 r.p.m.|30 r/分"),
         ("deg", 36.0, "36°|36 º|36 deg|36 degrees|40 gon"),
         ("-", 0.95, "95 %|0,95|９５％|950 ‰|.95"),
         ("l0", 3.1, "3.1 l0|3,1"),

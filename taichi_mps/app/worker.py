@@ -43,7 +43,6 @@ MIN_DOMAIN = 3.0  # least radius of the domain of a cone over its height
 FIRST_PICTURE, PICTURE_INTERVAL, TIME_RATIO = 0.02, 1.0 / 30.0, 1.04
 MAX_KEPT = 12  # Simulations that are kept: two of each cone, and some domains
 OTHER_KEYWORDS = "spacing", "model", "until", "accuracy", "floor_radius"  # keywords that make no other test
-OVERRIDDEN = "accuracy: has no effect, since particle size and model are given"
 
 
 # ---- previews ------------------------------------------------------------------------------------------------
@@ -167,8 +166,6 @@ def forecast(words: list[str]) -> dict:
     except (SceneError, ImportError) as error:  # ImportError: pint, which numbers with a unit need
         return {"wrong": errors_by_key(plain(" ".join(str(error).split())))}
     remarks = [line.removeprefix("taichi-mps: ") for line in messages.getvalue().splitlines()]
-    given = {word.split("=")[0] for word in words}
-    remarks += [OVERRIDDEN] * ({"--accuracy", "--spacing", "--model"} <= given)
     remarks += dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning)
     known = {"space": problem.scene.dimension == 3, "seconds": clock.whole}
     return known | {

@@ -25,7 +25,8 @@ def case_text(source: str, problem, settings: dict) -> str:
     document.add("scene", tomlkit.item(source))
     tables = {name: tomlkit.table() for name in SECTIONS}
     known = keywords(catalogue.load(source), type(problem.numerics))
-    given = {name: value for name, value in problem.scene.parameters.items() if value is not None}
+    chosen = {"accuracy"}  # by which model and spacing were chosen, which are in the file
+    given = {key: value for key, value in problem.scene.parameters.items() if value is not None and key not in chosen}
     values = {**problem.numerics.model_dump(), **settings, **given}
     for name, (model, field) in known.items():
         table = tables[group_of(name, model).split()[0]]

@@ -41,6 +41,7 @@ from .run import carry_out, describe_run, draw_curves, make_clock, print_result,
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme that does not come to rest
+MANY_PICTURES = 1000
 TARGET_MISSED = 1  # exit code of validate if a target is missed
 RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
@@ -66,6 +67,11 @@ def planned(name, argv):
     keywords = given(arguments, parameters)
     if options.scheme == "semi-implicit" and own_until and own_until.default is None:
         keywords.setdefault("until", WITHOUT_REST)
+    if "accuracy" in keywords:
+        choose = f"accuracy = {keywords['accuracy']}: chooses model and particle size of"
+        require(options.scheme == "implicit", f"{choose} the scheme implicit; must be left out")
+        if {"model", "spacing"} <= keywords.keys():
+            print(f"taichi-mps: {choose} a run without them; has no effect here", file=sys.stderr)
     scene = catalogue.build(arguments.scene, **keywords)
     for key in (key for key in keywords if is_tuple(parameters.model_fields[key])):
         read_back(key, scene.parameters[key], parameters.model_fields[key])
@@ -131,6 +137,10 @@ def resume(arguments) -> int:
         scene = state.scene(options.until, arguments.scene)
         problem = state.admit(replace(scene, until=options.until or scene.until))
         clock = make_clock(problem, options)
+        more = (problem.scene.until - passed) / clock.every
+        if more > MANY_PICTURES and not arguments.every:
+            text = f"every = {clock.every:g} s, as before: {more:,.0f} pictures more; a longer --every makes fewer"
+            print(f"taichi-mps: {text}", file=sys.stderr)
         start_taichi(options)
         sim = state.resume(problem, profile=options.profile)
         clock.begin("ready")

@@ -95,7 +95,7 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
         gif(folder.pictures, folder.animation, every=clock.every)
     clock.begin("report")
     written, numerics = write_report(folder, sim.scene), options.verbose or options.profile
-    draw_curves(folder, numerics, sim, options.plots or numerics or not written)
+    draw_curves(folder, numerics, sim, options.plots or numerics or not written or (folder.path / PLOTS[1]).exists())
     is_whole = not (resumed or error or stopped_by == "interrupted")
     summary |= clock.finish(sim.steps if is_whole else 0)
     folder.write_summary(summary)

@@ -99,17 +99,26 @@ def parsed(command, argv, what, options, leave_out=(), **models):
 
 def watching(varied, quiet: bool, options, planned, runs=None):
     """``watch(rows, total)`` of a study of ``planned`` cases, or at most ``runs`` like them, in which the parameters of
-    these names differ: the time in all before it begins, then a line for each case with its own and the time left."""
+    these names differ: the time in all before it begins, then a line for each case with its own and the time left.
+    What the folder of the study holds takes no time."""
     if quiet:
         return None
     local, reported, start, count = options.executor == "local", set(), time.monotonic(), runs or len(planned)
-    workers = min(options.workers or os.cpu_count() or 1, count) if local else 1
-    whole = wall_time(planned, workers, count)
-    duration = f"{workers} at a time, about {in_time(whole)} in all" if local else f"{in_time(whole)} of processor time"
-    print(f"taichi-mps: {'at most ' * bool(runs)}{count} runs: {duration}", file=sys.stderr, flush=True)
+    whole = there = None
+
+    def begin(number):
+        nonlocal whole, there
+        there = number
+        workers = min(options.workers or os.cpu_count() or 1, count - there) if local else 1
+        whole = wall_time(planned, workers, count - there)
+        time = f"{workers} at a time, about {in_time(whole)} in all" if local else f"{in_time(whole)} of processor time"
+        text = f"{'at most ' * bool(runs)}{count - there} runs" + f", {there} more are there" * bool(there)
+        print(f"taichi-mps: {text}: {time}", file=sys.stderr, flush=True)
 
     def tell(rows, total):
         known = len(reported)
+        if there is None and len(rows) < count:
+            begin(len(rows))
         for row in (row for row in rows if row["key"] not in reported):
             reported.add(row["key"])
             words = [
@@ -117,9 +126,10 @@ def watching(varied, quiet: bool, options, planned, runs=None):
                 *(f"{in_words(name)} {quote(row[name], '')}" for name in varied),
             ]
             spent = (row.get("cpu_seconds") or 0.0) + (row.get("compile_seconds") or 0.0)
-            left = whole * max(0.0, 1.0 - len(reported) / count)
-            if known:
-                left = math.sqrt(left * (time.monotonic() - start) / len(reported) * max(0, count - len(reported)))
+            done, more = len(reported) - (there or 0), max(0, count - len(reported))
+            left = whole * more / (done + more) if whole and more else 0.0
+            if known and done > 0:
+                left = math.sqrt(left * (time.monotonic() - start) / done * more)
             text = f"{', '.join(words)}: {outcome(row)}" + f", in {in_time(spent)}" * bool(spent)
             print(plain(f"{text}; about {in_time(left)} left" if left else text), file=sys.stderr, flush=True)
 

@@ -176,7 +176,11 @@ class RunFolder:
         SceneError
             If the file is missing or damaged.
         """
-        require(self.summary.is_file(), f"run = {self.path}: holds no summary.json; must be the folder of a run")
+        there = (
+            f"'taichi-mps resume {self.path}' goes on with it, 'taichi-mps report {self.path}' shows how far it came"
+        )
+        why = f"did not come to its end: {there}" if self.ours else "holds no summary.json; must be the folder of a run"
+        require(self.summary.is_file(), f"run = {self.path}: {why}")
         facts = read_json(self.summary)
         require(facts.pop(CHECKSUM, None) == facts_checksum(facts), f"run = {self.path}: its summary.json is damaged")
         return facts

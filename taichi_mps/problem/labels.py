@@ -10,6 +10,7 @@ UNITS = {
     "_N": (1.0, "N", ".4g"),
     "_Pa": (1e-3, "kPa", ".3g"),
     "_m_s": (1.0, "m/s", ".3g"),
+    "_m3_per_m": (1e3, "l/m", ".3g"),
     "_m3": (1e3, "l", ".3g"),
     "_ratio": (1.0, "", ".3f"),
     "_number": (1.0, "", ".0f"),
@@ -89,6 +90,7 @@ RESULTS = {  # key: (name, what it is)
     "collapsed_number": ("layer that has collapsed", "10 % wider than it was laid; 0: none"),
     "first_collapse_number": ("first layer to collapse", "counted from 1 at the floor; 0: none"),
     "poured_m3": ("poured", "what has come out of the hose"),
+    "poured_m3_per_m": ("poured", "what has come out of the hose, of a metre of a section"),
     "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
 }
 RESULT_GROUPS = {  # meanings of results by the beginning of their names

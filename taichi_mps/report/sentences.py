@@ -83,8 +83,8 @@ def thin_solids(summary) -> list[str]:
     for name, thickness in (summary.get("thin_solids_m") or {}).items():
         less, more = (np.interp(thickness / spacing if spacing else 0.0, THIN, each) for each in (TOO_LITTLE, TOO_MUCH))
         found.append(
-            f"{name}: {1e3 * thickness:.2g} mm thick, thinner than a particle. Such a bar resists a flow across it by "
-            f"about {less:.0f} % too little where viscosity prevails, and by {more:.0f} % too much where the yield "
+            f"{name}: {1e3 * thickness:.2g} mm thick, thinner than a particle. A bar as thin resists a flow across it "
+            f"by about {less:.0f} % too little where viscosity prevails, and by {more:.0f} % too much where the yield "
             "stress does."
         )
     return found

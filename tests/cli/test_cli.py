@@ -219,6 +219,11 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ("run slump --height 30", "height = 30 m: must be at most 3 m; 300mm and 30cm are lengths, too"),
         ("run mini_cone --height 5.72", "height = 5.72 m: must be at most 3 m"),
         ("run slump --lift-speed 120", "lift_speed = 120 m/s: must be less than or equal to 5 m/s (0.1 for 100 mm/s)"),
+        (
+            "run slump --accuracy 5mm --scheme semi-implicit",
+            "accuracy = 5mm: chooses model and particle size of the sch",
+        ),
+        ("run wall --length 30", "length = 30 m: must be less than or equal to 24 m"),
         ("run slump --accuracy 5", "accuracy = 5 m: must be at most 0.1 m (0.005 or 5mm for 5 mm)"),
         ("run film --spacing 10", "spacing = 10 m: larger than the film, 0.1 m deep"),
         ("run wall --spacing 10", "spacing = 10 m: must be at most a third of the hose, 0.04 m"),
@@ -326,7 +331,7 @@ def test_a_forecast_tells_what_a_run_will_be_and_leaves_nothing(capsys, tmp_path
     lines = json.loads(capsys.readouterr().out)["forecast"]
     assert "particles of 40 mm, half of the body; about " in lines[0] and " MB of memory" in lines[0]
     assert re.match(r"Pours \S+ l\. Takes about .* in all \(.* of processor time\): start .*, some \S+ steps", lines[1])
-    assert lines[-1].startswith("bars: 16 mm thick, thinner than a particle. Such a bar resists")
+    assert lines[-1].startswith("bars: 16 mm thick, thinner than a particle. A bar as thin resists")
     assert mps.main(words) == 0
     assert capsys.readouterr().out == "\n".join(lines) + "\n"
     assert not any(tmp_path.iterdir())

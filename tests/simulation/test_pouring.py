@@ -70,7 +70,7 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
             entered.append(start)
         assert sim.fluid_particles * L0**2 == pytest.approx(layer * (1 + np.floor(start / interval)), rel=1e-12)
         assert sim.report.dt * SPEED < 0.21 * L0  # a layer is never late by more than a fifth of a spacing
-    assert len(entered) >= 5 and sim.summary()["poured_m3"] == pytest.approx(len(entered) * layer)
+    assert len(entered) >= 5 and sim.summary()["poured_m3_per_m"] == pytest.approx(len(entered) * layer)
     falling = np.sum([SPEED + 9.81 * (sim.time - t) for t in entered]) * layer
     momentum = -sim.snapshot().u[:, 1].sum() * L0**2
     assert momentum == pytest.approx(falling, rel=1e-3)
@@ -106,7 +106,7 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
 
     assert sim.run() == "rest" and sim.time > 0.7
     summary = sim.summary()
-    assert summary["fluid_particles"] == 4 * ALL and summary["poured_m3"] == pytest.approx(4 * ALL * L0**2)
+    assert summary["fluid_particles"] == 4 * ALL and summary["poured_m3_per_m"] == pytest.approx(4 * ALL * L0**2)
     assert summary["pour_delay_s"] == 0.0
     assert sim._volume == pytest.approx(4 * ALL * L0**2)  # what losses of volume are compared with
     s = sim.snapshot()
