@@ -68,7 +68,7 @@ def test_a_plug_slips_on_a_yielding_floor_by_the_excess_over_its_viscous_constan
 @pytest.mark.long
 def test_a_plug_stands_on_a_floor_that_holds_more_than_its_weight():
     """A plug stands from rest at once, and after it has slid to a stop, also where the step is cut short by an
-    output."""
+    output. It sways by what six iterations leave, a few millionths of its speed; of 24 that is less than one."""
     scene = film(mps.Friction(yield_value=1.05 * WEIGHT), STIFF)
     sim = mps.Simulation(scene)
     sim.run(until=0.5)
@@ -77,10 +77,12 @@ def test_a_plug_stands_on_a_floor_that_holds_more_than_its_weight():
     assert np.linalg.norm(s.x - sim.scene.fluid, axis=1).max() < 1e-3 * s.spacing
     traction = sim.walls.surfaces[0].friction.traction.to_numpy()
     assert np.linalg.norm(traction, axis=1).max() <= 1.05 * WEIGHT * (1.0 + 1e-12)
-    sim = mps.Simulation(replace(scene, velocity=np.tile((0.1, 0.0), (len(scene.fluid), 1))))
-    for time in (3.0, 3.055, 3.2):
-        sim.run(until=time)
-        assert sim.snapshot().speed.max() < 1e-7
+    slides = replace(scene, velocity=np.tile((0.1, 0.0), (len(scene.fluid), 1)))
+    for passes, left in ((6, 1e-6), (24, 1e-7)):
+        sim = mps.Simulation(slides, mps.Implicit(passes=passes))
+        for time in (3.0, 3.055, 3.2):
+            sim.run(until=time)
+            assert sim.snapshot().speed.max() < left
 
 
 @ti.data_oriented
