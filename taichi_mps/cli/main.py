@@ -41,7 +41,6 @@ from .run import carry_out, describe_run, draw_curves, make_clock, print_result,
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme that does not come to rest
-MANY_PICTURES = 1000
 TARGET_MISSED = 1  # exit code of validate if a target is missed
 RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
@@ -137,10 +136,6 @@ def resume(arguments) -> int:
         scene = state.scene(options.until, arguments.scene)
         problem = state.admit(replace(scene, until=options.until or scene.until))
         clock = make_clock(problem, options)
-        more = (problem.scene.until - passed) / clock.every
-        if more > MANY_PICTURES and not arguments.every:
-            text = f"every = {clock.every:g} s, as before: {more:,.0f} pictures more; a longer --every makes fewer"
-            print(f"taichi-mps: {text}", file=sys.stderr)
         start_taichi(options)
         sim = state.resume(problem, profile=options.profile)
         clock.begin("ready")

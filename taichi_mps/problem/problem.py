@@ -7,7 +7,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from ..geometry.solid import Solid
-from ..units import instance, validated
+from ..units import INSTANT, instance, validated
 from .feasibility import RULES
 from .numerics import Implicit, SemiImplicit
 from .scene import Scene
@@ -193,6 +193,6 @@ class Problem:
         scene = self.scene
         once = scene.stop_at_rest and not (scene.jolts or scene.inlets)
         longest = OUTPUT_INTERVAL * self.fall_time if once else scene.until
-        interval = min(scene.until / 100.0, longest)
+        interval = max(INSTANT, min(scene.until / 100.0, longest))
         power = 10.0 ** np.floor(np.log10(interval))
         return float(min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(np.log(value / interval))))
