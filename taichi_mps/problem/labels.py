@@ -4,13 +4,17 @@ import re
 
 # results by the end of their names: factor, unit, format; longer ends first
 UNITS = {
-    "_N_m_per_m": (1.0, "N", ".4g"),
+    "_N_m_per_m": (1.0, "N m/m", ".4g"),
     "_N_per_m": (1.0, "N/m", ".4g"),
     "_N_m": (1.0, "N m", ".4g"),
     "_N": (1.0, "N", ".4g"),
     "_Pa": (1e-3, "kPa", ".3g"),
     "_m_s": (1.0, "m/s", ".3g"),
     "_m3_per_m": (1e3, "l/m", ".3g"),
+    "_m2": (1.0, "m2", ".4g"),
+    "_kg": (1.0, "kg", ".4g"),
+    "_deg": (1.0, "degrees", ".3g"),
+    "_1_s": (1.0, "1/s", ".3g"),
     "_m3": (1e3, "l", ".3g"),
     "_ratio": (1.0, "", ".3f"),
     "_number": (1.0, "", ".0f"),

@@ -21,7 +21,7 @@ SCALARS = "p", "shear_rate", "yielded", "density_ratio", "size", "mix"  # scalar
 
 
 @validated
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Snapshot:
     """Fluid at one instant, ordered by persistent particle number: n particles, d dimensions.
 

@@ -102,8 +102,10 @@ class Problem:
 
     @cached_property
     def height(self) -> float:
-        """Largest expected height of the fluid [m]."""
-        return float(np.ptp(self.scene.expected.fluid[:, -1])) + self.scene.spacing
+        """Largest expected height of the fluid [m], along the axis nearest to gravity, of equal ones the last."""
+        scene = self.scene.expected
+        axis = -1 - int(np.abs(scene.gravity_vector[::-1]).argmax())
+        return float(np.ptp(scene.fluid[:, axis])) + scene.spacing
 
     @cached_property
     def frame(self) -> np.ndarray:

@@ -25,7 +25,7 @@ SceneWalls = instance(Plane | Cylinder | Solid, "a tuple, each Plane or Cylinder
 
 
 @validated
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """Everything that defines what is to be computed: a body of fluid, its walls and its inlets.
 

@@ -202,7 +202,10 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
             "run slump --density 2.3",
             "density = 2.3 kg/m3: must be greater than or equal to 200 kg/m3 (2300 for 2.3 t/m3)",
         ),
-        ("run slump --spacing 0.00001", "spacing = 1e-05 m: fills the box with 1.6e+10 particles; at most 1e+08"),
+        (
+            "run slump --spacing 0.00001",
+            "spacing = 1e-05 m: fills the box with 1.6e+10 particles, at most 4e+07; must be at least 7.51e-05 m",
+        ),
         (
             "run slump --effective-radius-ratio -1",
             "effective_radius_ratio = -1 l0: must be greater than or equal to 1.6 l0",

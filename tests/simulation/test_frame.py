@@ -106,3 +106,34 @@ def test_blocks_that_collide_off_centre_keep_their_angular_momentum(aside, mater
     spun = [(y[:, 0] * v[:, 1] - y[:, 1] * v[:, 0]).sum() for y, v in ((x, u), (s.x, s.u))]
     assert spun[1] == pytest.approx(spun[0], rel=1e-3)
     assert np.abs(s.u.mean(axis=0)).max() < 1e-5
+
+
+def pool(turned, l0=0.01, width=0.06, depth=0.3):
+    """Largest speed [m/s], pressure [Pa] on the bottom and depth [m] of a pool between slip walls after 0.1 s, its
+    axes swapped if ``turned``."""
+
+    def swapped(*vector):
+        return vector[::-1] if turned else vector
+
+    sides = [mps.Plane(swapped(x, 0.0), swapped(normal, 0.0), slip=True) for x, normal in ((0.0, 1.0), (width, -1.0))]
+    scene = mps.Scene(
+        name="pool",
+        material=mps.Bingham(density=2300.0, plastic_viscosity=5.0, yield_value=50.0),
+        spacing=l0,
+        fluid=np.array([swapped(*x) for x in mps.lattice((0.0, 0.0), (width, depth), l0).tolist()]),
+        walls=(mps.Plane((0.0, 0.0), swapped(0.0, 1.0), slip=True), *sides),
+        domain=(swapped(-l0, -l0), swapped(width + l0, 1.2 * depth)),
+        gravity=swapped(0.0, -9.81),
+        until=0.1,
+    )
+    sim = mps.Simulation(scene)
+    sim.run()
+    s, along = sim.snapshot(), 0 if turned else 1
+    return s.speed.max(), np.polyval(np.polyfit(s.x[:, along], s.p, 1), 0.0), s.x[:, along].max() + 0.5 * l0
+
+
+def test_a_deep_pool_stands_whichever_axis_its_weight_acts_along():
+    """What sets the scale of the pressure is the height along gravity: 0.3 m, not the width of 0.06 m."""
+    (speed, bottom, depth), turned = pool(False), pool(True)
+    assert bottom == pytest.approx(2300.0 * 9.81 * 0.3, rel=0.02) and depth == pytest.approx(0.3, abs=0.005 * 0.3)
+    assert turned == pytest.approx((speed, bottom, depth), rel=1e-3, abs=1e-5)
