@@ -8,7 +8,8 @@ import json
 
 from ..problem.labels import in_words
 from ..spelling import without_unit
-from ..study.calibration import CONSTANT_UNITS, MAX_MISFIT, NAMES, RHEOMETER, rounded
+from ..study.calibrate import Measurements, check_measurements, emulators_of
+from ..study.calibration import CONSTANT_UNITS, MAX_MISFIT, NAMES, RHEOMETER, Constant, rounded
 from ..units import Checked, require
 from . import form
 from .jobs import Job, Queue
@@ -108,6 +109,8 @@ class Page:
     def calibrate(self, asked: Query) -> dict:
         """Enqueue a calibration."""
         self.check_fields(asked, {field["name"]: field for field in form.measurements()})
+        test = Measurements(**asked.values)
+        check_measurements(test, emulators_of(test.measured()))  # at once, not by the job
         words = ["calibrate", "--json", *form.options(asked.values), *["--no-check"] * (not asked.check)]
         return self.enqueue(Job("calibration", words))
 
@@ -142,8 +145,14 @@ def verdict(facts: dict) -> str:
     friction = "friction_angle" in facts["mix"]
     if facts["misfit"] > MAX_MISFIT and not friction:
         alone = facts["alone"].get("yield_value", {}).items()
-        statements = [f"the {NAMES[name]} alone says {rounded(it[0], 2)} Pa" for name, it in alone if name != RHEOMETER]
-        return f"No mix does all of this{': ' * bool(statements)}{', '.join(statements)}."
+        statements = [
+            f"the {NAMES[name]} alone says {Constant(*it, 0.0, 0.0, 'Pa').value_or_bound()}"
+            for name, it in alone
+            if name != RHEOMETER
+        ]
+        ends = [rounded(facts["yield_value"][end], 2) for end in ("low", "high")]
+        head = f"No mix of the table ({ends[0]} to {ends[1]} Pa) does all of this"
+        return f"{head}{': ' * bool(statements)}{', '.join(statements)}."
     known_texts, unknown = [], []
     for name, value in facts["mix"].items():
         words, unit, found = in_words(name), CONSTANT_UNITS[name], (facts["friction"] if friction else facts)[name]

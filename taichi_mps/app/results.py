@@ -26,7 +26,7 @@ from .jobs import Job, Queue
 NO_SUMMARY = "runs, was cut off, or is of an older version"
 MAX_LINES, MAX_CHARACTERS, MAX_POINTS = 200, 1000, 300  # of a table; of a text of a run folder; of a curve
 SAVED = {REPORT: "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
-NO_NUMBERS = "slump_max_m", "slump_expected_error_m", "spread_expected_error_m"
+NO_NUMBERS = "slump_expected_error_m", "spread_expected_error_m"
 BIN = ".bin"  # in the folder of the runs
 ENDED_WELL, RESUMABLE_ENDS = ("rest", "unyielded", "time"), (None, "interrupted")  # values of ``stopped_by``
 

@@ -70,7 +70,10 @@ RESULTS = {  # key: (name, what it is)
     "early_speed_m_s": ("early speed", "of the front between 5 and 10 cm from the gate"),
     "h1_m": ("height H1", "level behind the gate, or in the first leg"),
     "h2_m": ("height H2", "level at the far end, or in the second leg"),
-    "passing_ratio": ("passing ratio H2/H1", "1: level; less: bars hold back; more: it arrived fast and stays"),
+    "passing_ratio": (
+        "passing ratio H2/H1",
+        "1: level; less: bars or the yield stress hold back; more: it arrived fast and stays",
+    ),
     "step_m": ("step", "difference of level before and behind the bars"),
     "flow_time_s": ("flow time", "until light is seen through the outlet"),
     "half_time_s": ("half time", "until half of the concrete has left the funnel"),

@@ -285,6 +285,7 @@ class Calibration(Mix):
     def contradiction(self) -> str:
         """Format that no mix fits the measurements, with what each alone says and what to trust it for."""
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
+        text += ", or lie beyond the table" * bool(self.at_the_edge)
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             readings = [
                 f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "

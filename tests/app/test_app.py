@@ -62,11 +62,18 @@ class Tab:
 
 @needs_chromium
 def test_sliders_preview_a_mix_and_its_address_brings_it_back(tmp_path):
-    """The previewed slump and slump flow of a mix are those of a run of the same model."""
-    scene = catalogue.build("slump", yield_value=1500.0, plastic_viscosity=30.0, model="axisymmetric", spacing=0.01)
-    sim = mps.Simulation(scene)
-    sim.run()
-    found, error = sim.measures(), accuracy.expected("axisymmetric", 1.0 / 30.0, accuracy.Mix.of(1500.0, 30.0))
+    """The previewed slump and slump flow of a mix are those of a run of the same model, its class that of its highest
+    point, as EN 12350-2 reads it: of 300 Pa, 50 Pa s another than that of the slump at the axis."""
+
+    def measures(yield_value, plastic_viscosity):
+        mix = {"yield_value": yield_value, "plastic_viscosity": plastic_viscosity}
+        sim = mps.Simulation(catalogue.build("slump", **mix, model="axisymmetric", spacing=0.01))
+        sim.run()
+        return sim.measures()
+
+    found, error = measures(1500.0, 30.0), accuracy.expected("axisymmetric", 1.0 / 30.0, accuracy.Mix.of(1500.0, 30.0))
+    softer = measures(300.0, 50.0)
+    assert softer["slump_max_m"] < 0.215 < softer["slump_m"]
     with serving(tmp_path) as (port, server), chromium() as browser:
         tab = Tab(browser, port, "#slump?yield_value=1%2C5+kPa&plastic_viscosity=30")
         numbers = tab.result()
@@ -100,6 +107,8 @@ def test_sliders_preview_a_mix_and_its_address_brings_it_back(tmp_path):
         flow = tab.page.evaluate(
             "import('/static/ask.js').then(m => [0.54, 0.6, 0.7, 0.8].map(v => m.en206('spread_m', v)))"
         )
+        tab.page.goto(f"http://127.0.0.1:{port}/#slump?yield_value=300&plastic_viscosity=50")
+        assert tab.result()["slump_m"].split()[-1] == "S4"
         assert (top, flow) == (["S1", "S2", "S4", "S5"], ["", "SF1", "SF2", "SF3"])  # EN 206, to the nearest 10 mm
         assert tab.wrong == []
 
@@ -166,6 +175,7 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
         tab.set(yield_value="-3")
         tab.page.locator("#field-yield_value-wrong", has_text="yield_value = -3 Pa").wait_for()
         assert tab.field("yield_value").get_attribute("aria-invalid") == "" and tab.page.locator("#go").is_disabled()
+        assert tab.page.locator(".number").count() == 0, "no numbers of the mix before"
         tab.set(yield_value="1,000")  # one number to some, another to others
         tab.page.locator("#field-yield_value-wrong", has_text="1.000 or 1000").wait_for()
         tab.set(yield_value="400")
@@ -177,6 +187,13 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
             tab.part("forecast", "5,504 particles of 10 mm").wait_for(state="attached")
             tab.set(spacing=text)
             tab.part("forecast", "675 particles of 20 mm").wait_for(state="attached")
+        tab.set(consistency="30", plastic_viscosity="20")
+        tab.page.locator("#field-plastic_viscosity-wrong", has_text="empty its field").wait_for()
+        tab.set(consistency="", plastic_viscosity="")
+        tab.page.locator('[data-test="flow"]').click()
+        assert tab.field("yield_value").input_value() == "400", "what was typed goes along"
+        tab.page.go_back()
+        tab.page.locator("#more").evaluate("details => { details.open = true }")
         tab.set(accuracy="7mm")
         tab.page.locator(".remark", has_text="model = ").wait_for()
         tab.field("model").select_option("half")

@@ -92,7 +92,7 @@ export class Calibrate {
     const mix = Object.fromEntries(Object.entries(facts.mix).map(([key, value]) => [key, `${Number(value.toPrecision(3))}`]));
     const use = `#slump?${new URLSearchParams(mix)}`;
     this.answer.replaceChildren(h("p.verdict", {"data-part": "constants"}, facts.verdict),
-      h("a.button", {href: use, "data-action": "use"}, "Take this mix"));
+      h("a.button", {href: use, "data-action": "use"}, facts.verdict.startsWith("No mix") ? "Take the nearest mix" : "Take this mix"));
     this.reasons.replaceChildren(h("details", {}, h("summary", {}, "reasons, intervals, each measurement"), h("pre", {}, facts.told)));
     const cone = ["slump_m", "spread_m"].some((key) => facts.measured[key]);
     this.figure.hidden = !cone;

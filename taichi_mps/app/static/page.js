@@ -6,6 +6,7 @@ import {Runs} from "./runs.js";
 import {Stage} from "./stage.js";
 
 const REST = 110; // [ms] after which a slider rests
+const HIGHEST = "slump_max_m"; // the slump at the highest point
 const TICK = 700; // [ms] between two looks at the jobs
 const TESTS = {
   slump: "Slump", flow: "Slump flow", flow_table: "Flow table", l_box: "L-box", v_funnel: "V-funnel",
@@ -133,6 +134,8 @@ function set(name, text) {
   }
   write(name, text);
   mode("preview");
+  by("numbers").dataset.old = "";  // they are of the mix before
+  source("");
   clearTimeout(resting);
   resting = setTimeout(look, REST);
 }
@@ -154,7 +157,8 @@ async function forecast() {
   by("remarks").replaceChildren(...(known.remarks || []).map((text) => h("p.remark", {}, text)));
   by("forecast").replaceChildren(...(known.lines || []).map((text) => h("p", {}, text)));
   button();
-  if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, "From the tables of calibrate.");
+  if (known.wrong && state.mode === "preview") numbers({}, {}, "");
+  else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, "From the tables of calibrate.");
   if (!test().preview && !known.wrong)
     by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
 }
@@ -163,7 +167,8 @@ async function forecast() {
 function wrong(found) {
   let rest = found[""] || "";
   for (const field of fields()) {
-    const input = by(`field-${field.name}`), text = found[field.name] || "";
+    const input = by(`field-${field.name}`);
+    const text = (found[field.name] || "").replace("must be left out", "must be left out: empty its field");
     if (!input) continue;
     by(`field-${field.name}-wrong`).textContent = text;
     input.toggleAttribute("aria-invalid", Boolean(text));
@@ -209,13 +214,16 @@ async function preview() {
 }
 
 function numbers(m, errors, words) {
-  const cells = Object.entries(m).filter(([key]) => !key.includes("error")).slice(0, 4).map(([key, [value, text, name]]) => {
-    const off = errors[key], kind = value === null || !standard() ? "" : en206(key, value);
+  const cells = Object.entries(m).filter(([key]) => key !== HIGHEST).slice(0, 4).map(([key, [value, text, name]]) => {
+    const read = key === "slump_m" ? m[HIGHEST]?.[0] : value;  // EN 12350-2 reads the highest point
+    const off = errors[key], kind = read == null || !standard() ? "" : en206(key, read);
     const small = value === null ? text : off ? `± ${off < 0.01 ? `${(1000 * off).toFixed(0)} mm` : `${(100 * off).toFixed(1)} cm`}` : "";
+    const by206 = key === "slump_m" ? `class by EN 206: ${m[HIGHEST]?.[1]} at the highest point` : "class by EN 206";
     return h("div.number", {"data-number": key}, h("span.name", {}, name), h("b", {}, value === null ? "–" : text),
-      h("span.off", {}, small), kind && h("span.class", {title: "class by EN 206"}, kind));
+      h("span.off", {}, small), kind && h("span.class", {title: by206}, kind));
   });
   by("numbers").replaceChildren(...cells);
+  delete by("numbers").dataset.old;
   source(words);
 }
 
@@ -335,9 +343,10 @@ by("tests").append(...[...order, ...others].map((name) =>
   h("a", {href: `#${name}`, "data-page": name, "data-test": name, title: state.tests[PRESETS[name]?.test || name].help,
     onclick: (event) => {
       event.preventDefault();
-      const mix = new URLSearchParams();
       const names = state.chosen ? fields().filter((field) => field.group === "mix").map((field) => field.name) : [];
-      if (!PRESETS[name] && !PRESETS[state.chosen]) for (const key of names) if (state.values[key]) mix.set(key, state.values[key]);
+      const preset = PRESETS[state.chosen]?.values || {}, given = names.filter((key) => state.values[key]);
+      const typed = given.some((key) => state.values[key] !== preset[key]);
+      const mix = new URLSearchParams(typed ? given.map((key) => [key, state.values[key]]) : []);
       go(`#${name}${mix.size ? `?${mix}` : ""}`);
     }}, icon(name), h("span", {}, TESTS[name] || name))));
 runs = new Runs(by("runs"), go);
