@@ -71,7 +71,7 @@ def scene(
         if time[-1] > times[-1] + 0.05:
             last = round(float(spread[-1]), digits)
             found |= {f"spread_after_{jolts}_jolts_m": last, "flow_ratio": last / base_diameter - 1.0}
-            found |= {"flow_class_ratio": 1.0 + float(np.searchsorted(CLASSES, last))} if hinged else {}
+            found |= {"flow_class_number": 1.0 + float(np.searchsorted(CLASSES, last))} if hinged else {}
         return found
 
     def check(s, measures):

@@ -56,7 +56,7 @@ RESULTS = {  # key: (name, what it is)
     "spread_expected_error_m": ("error of the slump flow", "to be expected likewise"),
     "t500_s": ("T500", "time until the slump flow is 50 cm"),
     "flow_ratio": ("flow", "growth of the diameter over that of the mould, ASTM C1437"),
-    "flow_class_ratio": ("flow class F", "1 to 6 of EN 206, by the flow after the last jolt to 10 mm"),
+    "flow_class_number": ("flow class F", "1 to 6 of EN 206, by the flow after the last jolt to 10 mm"),
     "front_m": ("front", "farthest reach of the concrete, from the end of the vessel"),
     "hose_distance_m": ("distance from the hose", "largest horizontal distance of the concrete from the hose"),
     "height_m": ("height", "highest point of the fluid"),
@@ -140,6 +140,7 @@ def title(name: str) -> str:
     end = next(end for end in UNITS if name.endswith(end))
     if name in RESULTS:
         return RESULTS[name][0]
+    name = re.sub(r"^(force|torque)_", r"\1_on_", name)
     return re.sub(r"(\d)mm\b", r"\1 mm", name.removesuffix("" if end == "_ratio" else end).replace("_", " "))
 
 

@@ -85,9 +85,9 @@ function cross(section, place) {
   const [x0, x1] = span([across]), [, high] = span([up]), low = Math.min(0, span([up])[0]);
   const wide = Math.min(760, Math.max(340, place.clientWidth)), tall = Math.max(110, Math.min(420, ((wide - 56) * (high - low)) / (x1 - x0))) + 60;
   const spare = (((tall - 60) / (high - low)) * (x1 - x0)) / (wide - 56), more = Math.max(0, ((1 / spare - 1) * (x1 - x0)) / 2);
-  const { drawing, x, y } = frame(wide, tall, [x0 - more, x1 + more], [low, high], "across [cm]", "height [cm]");
+  const { drawing, x, y } = frame(wide, tall, [x0 - more, x1 + more], [low, high], ...section.axes);
   drawing.append(svg("path", { d: path(across, up, x, y), class: "particles" }));
   drawing.append(svg("path", { d: path(...line, x, y), fill: "none", stroke: "#c43e26", "stroke-width": 2 }));
   place.append(drawing);
-  element("plane").textContent = `Equal scales. ${section.place[0].toUpperCase()}${section.place.slice(1)}; red: the surface.`;
+  element("plane").textContent = `Equal scales. ${section.place[0].toUpperCase()}${section.place.slice(1)}${line[0].length ? "; red: the surface" : ""}.`;
 }

@@ -33,6 +33,8 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
     walls = wall_lines(scene, walls_low, walls_high, film["times"][-1])
     outline = [line for each in scene.outline for line in with_mirror_images(scene, each)]
     body = np.array(film["low"]) + np.outer((0, MAX_POSITION_CODE), film["step"])
+    if scene.axisymmetric:  # of which the film has the section
+        body = body[1, 0] * np.array([(-1.0, -1.0, 0.0), (1.0, 1.0, 0.0)]) + body * (0.0, 0.0, 1.0)
     points = np.vstack([body, *outline, *scene.vessel])
     room = 0.5 * scene.spacing * (film["corners"][-1] == 0)  # of particles, whose centres these are
     low, high = points.min(0) - room, points.max(0) + room
@@ -100,17 +102,21 @@ def rounded(values) -> list:
 def section(part: Snapshot, scene) -> dict:
     """Particles near the middle plane of a body, drawn as polygons, and the surface above them, from its computed part.
 
-    ``across`` and ``up`` [m] are corners of polygons, with None between two; ``surface``: two lists, across and up [m];
-    ``place``: description of the plane."""
+    ``across`` and ``up`` [m] are corners of polygons, with None between two, along ``axes``; ``surface``: two lists,
+    across and up [m], empty in a level plane; ``place``: description of the plane."""
     x, size, middle = middle_section(part, scene)
+    level = scene.dimension == 2 and not scene.gravity_vector.any()
     angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     corners = x[:, None] + 0.5 * size[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     closed = np.concatenate([corners, np.full((len(x), 1, 2), np.nan)], axis=1).reshape(-1, 2)
     return {
         "across": rounded(closed[:, 0]),
         "up": rounded(closed[:, 1]),
-        "surface": [rounded(values) for values in surface_line(part, scene, x, size).T],
-        "place": f"particles near the upright plane y = {round(100.0 * middle, 2) + 0.0:g} cm",
+        "axes": ("x [cm]", "y [cm]") if level else ("across [cm]", "height [cm]"),
+        "surface": [[], []] if level else [rounded(values) for values in surface_line(part, scene, x, size).T],
+        "place": "particles, seen from above"
+        if level
+        else f"particles near the upright plane y = {round(100.0 * middle, 2) + 0.0:g} cm",
     }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..io.history import COLUMNS
 from ..problem import accuracy
-from ..problem.labels import STOP_REASONS, in_words, is_measure, meaning, title, written
+from ..problem.labels import RESULT_GROUPS, RESULTS, STOP_REASONS, in_words, is_measure, meaning, title, written
 from ..problem.materials import mix_in_words
 from ..units import plain
 
@@ -42,7 +42,8 @@ def sentences(summary: dict, folder=None) -> list[str]:
 def measured(summary) -> str:
     """Sentence on the two main results, or else on the first two."""
     known = [name for name, value in summary.items() if is_measure(name) and isinstance(value, float | int)]
-    found = ([name for name in LEADING if name in known] or known)[:2]
+    of_scene = [name for name in known if name in RESULTS or not name.startswith(tuple(RESULT_GROUPS))]
+    found = ([name for name in LEADING if name in known] or of_scene or known)[:2]
     text = ", ".join(f"{title(name)} {written(name, summary[name])}" for name in found)
     return f"{text[0].upper()}{text[1:]}." if found else "Nothing was measured."
 
@@ -164,4 +165,5 @@ def numerics(summary) -> list[tuple[str, str]]:
         "left out": f"{summary['left_out']:.0%} of the particles, which stood still, mean of all steps",
         "volume error": f"{summary['volume_error']:.2%} at the end, at most {summary['volume_error_max']:.2%}",
     } | summary.get("numerics", {})
-    return [(in_words(key), str(value)) for key, value in facts.items()]
+    unsaid = {"wall_loads"}  # forces are among the results; a scene may measure them by itself
+    return [(in_words(key), str(value)) for key, value in facts.items() if key not in unsaid]

@@ -81,7 +81,7 @@ def described(problem) -> dict:
         "parameters": dict(problem.scene.parameters),
         "materials": [material.facts() for material in problem.materials],
         "scheme": problem.scheme,
-        "numerics": problem.numerics.model_dump() | ({"wall_loads": True} if problem.wall_loads else {}),
+        "numerics": problem.numerics.model_dump(),
     }
     return facts | ({"thin_solids_m": problem.thin_solids} if problem.thin_solids else {})
 

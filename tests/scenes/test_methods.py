@@ -396,4 +396,4 @@ def test_classes_of_the_flow_table():
     for number, spreads in ends.items():
         for spread in spreads:
             found = scene.over_time({"time_s": np.array([0.0, 40.0]), "spread_m": np.array([0.2, spread])})
-            assert found["flow_class_ratio"] == number
+            assert found["flow_class_number"] == number

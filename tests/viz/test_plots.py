@@ -66,7 +66,7 @@ def test_history_draws_a_panel_for_each_quantity_that_has_numbers(tmp_path, figu
     assert titles == [
         "slump and slump flow [cm]",
         "torque [N m]",
-        "force floor z [N]",
+        "force on floor z [N]",
         "largest speed [m/s]",
         "share of the concrete that flows [%]",
     ]
