@@ -271,7 +271,7 @@ export class Stage {
     }
     context.stroke();
     const from = this.scene.rings ? 0 : Math.ceil((8 - zero) / scale / step);
-    for (let k = from; zero + k * step * scale < w - 30; k += 2)
+    for (let k = from; zero + k * step * scale < w - 46; k += 2)
       if (k) this.text(`${Math.round(100 * k * step)}`, zero + k * step * scale, ground + 17, soft);
     this.text("cm", w - 10, ground + 17, soft, "right");
   }
