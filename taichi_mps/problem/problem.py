@@ -102,9 +102,8 @@ class Problem:
 
     @cached_property
     def height(self) -> float:
-        """Largest expected height of the fluid [m], along the axis nearest to gravity, of equal ones the last; weight
-        along a periodic axis presses on nothing."""
-        scene = self.scene.expected
+        """Largest expected height of the fluid [m], along the axis nearest to gravity, of equal ones the last."""
+        scene = self.scene.expected  # weight along a periodic axis presses on nothing
         weight = np.abs(scene.gravity_vector) * ~np.array(scene.periodic)
         axis = -1 - int(weight[::-1].argmax())
         return float(np.ptp(scene.fluid[:, axis])) + scene.spacing

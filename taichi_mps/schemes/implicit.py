@@ -71,7 +71,9 @@ class Implicit(Scheme):
         if holds:
             self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
         self.shifting = Shifting(fluid, shifts_in_tension=problem.law == "newtonian")
-        self.constraint = VolumeConstraint(fluid, constants, **at_start, shifting=self.shifting, stress=self.stress)
+        self.constraint = VolumeConstraint(
+            fluid, constants, **at_start, shifting=self.shifting, stress=self.stress, pours=bool(scene.inlets)
+        )
         self.residuals = Residuals(fluid, constants, self.stress, self.constraint)
         self.operator = MomentumOperator(fluid, sums, constants, stress=self.stress, resistance=self.resistance)
         self.source = MomentumSource(

@@ -17,6 +17,8 @@ VISCOUS_CORRECTION_RATE, DIFFUSION_SCALE = 0.25, 0.25
 MAX_SHEAR_FRACTION = 0.25
 # packing error of an enclosed particle that is corrected; more is a void, which stays, but a full closed box has none
 MIN_PACKING_ERROR, MIN_PACKING_ERROR_CLOSED_BOX = -0.03, -1.0
+# packing that poured material lacks, from which on it is loose; not counted is what a surface misses, over its normal
+LOOSE, MISSING_AT_SURFACE = 0.1, 0.2
 FULL_STRAIN = 0.02  # in a step, from which on packing error and shift act fully
 
 
@@ -144,11 +146,11 @@ class Pressure(Term):
 
 @ti.data_oriented
 class VolumeConstraint(Term):
-    """Wanted divergence of every particle."""
+    """Wanted divergence of every particle; ``pours``: whether inlets bring material, which may land loose."""
 
-    def __init__(self, fluid, constants, strain_rate, pressure, shifting, stress):
+    def __init__(self, fluid, constants, strain_rate, pressure, shifting, stress, pours):
         super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, shifting=shifting)
-        self.stress = stress
+        self.stress, self.pours = stress, pours
         self.spacing = fluid.gradient.spacing
         self.correction_rate = RING_CORRECTION_RATE if self.particles.axisymmetric else CORRECTION_RATE
         self.divergence = ti.field(real(), self.capacity)  # s [1/s]
@@ -178,8 +180,21 @@ class VolumeConstraint(Term):
                 if self.pressure.full[None] == 0:
                     most = self.stress.own_rate(i) * self.stress.over_yield(i)
                     divergence = ti.max(-most, ti.min(most, divergence))
+            if ti.static(self.pours):
+                divergence = self.let_settle(i, dt, divergence)
             # at the end of the step (I32)
             self.divergence[i] = divergence + self.strain_rate.half_step_change(i).trace()
+
+    @ti.func
+    def let_settle(self, i, dt, divergence):
+        """The divergence [1/s], or that by which what landed loose closes under its weight until it is packed (I33). A
+        jet, which bears less than a layer, is left as it falls."""
+        lack = 1.0 - self.gradient.packing[i]
+        loose = lack - MISSING_AT_SURFACE * self.gradient.surface_normal[i].norm() > LOOSE
+        if loose and self.gradient.B[i][0, 0] > 0.0 and self.pressure.full[None] == 0:
+            borne = self.constants.pressure_ramp(self.particles.p[i] - self.constants.layer_pressure[None])
+            divergence = ti.min(divergence, -borne * self.removed_fraction(i, dt) * lack / dt)
+        return divergence
 
     @ti.func
     def removed_fraction(self, i, dt):

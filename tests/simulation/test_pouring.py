@@ -53,6 +53,27 @@ def scene(source):
     return catalogue.build(source)
 
 
+@pytest.mark.parametrize(("yield_value", "plastic_viscosity", "rate"), [(50.0, 100.0, 0.05), (20.0, 20.0, 0.02)])
+def test_what_a_slow_jet_pours_stands_as_high_as_its_volume(yield_value, plastic_viscosity, rate):
+    """Layers that a free fall of 0.25 m has pulled apart, from 0.2 or 0.4 m/s, close again under their weight: the
+    level is the poured area over the width, within the tenth from which on the packing counts as loose."""
+    width, l0 = 0.2, 0.01
+    scene = mps.Scene(
+        name="poured",
+        material=mps.Bingham(density=2300.0, yield_value=yield_value, plastic_viscosity=plastic_viscosity),
+        spacing=l0,
+        fluid=None,
+        walls=mps.box_planes((0.0, 0.0), (width, 0.6)),
+        domain=((-0.05, -0.05), (width + 0.05, 0.9)),
+        inlets=(mps.Inlet((0.5 * width, 0.25), (0.0, -1.0), radius=0.06, rate=rate, volume=0.0204),),
+        until=0.0204 / rate + 1.5,
+    )
+    sim = mps.Simulation(scene)
+    sim.run()
+    s = sim.snapshot()
+    assert 0.97 < measure.level(s, (0.02,), (width - 0.02,)) / (len(s.x) * l0**2 / width) < 1.06
+
+
 def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(scene, source, tmp_path):
     sim = mps.Simulation(scene)
     assert repr(sim.scene.inlets[0]) == repr(HOSE) and sim.particles.capacity == 4 * ALL
