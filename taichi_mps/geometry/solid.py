@@ -498,6 +498,11 @@ def polygon_distance(x: PlanePoints, corners: PolygonCorners):
     ndarray, shape (n,)
         Distance [m], positive outside.
 
+    Raises
+    ------
+    SceneError
+        If the polygon is not convex, or its corners are clockwise.
+
     Examples
     --------
     >>> import numpy as np, taichi_mps as mps
@@ -505,6 +510,11 @@ def polygon_distance(x: PlanePoints, corners: PolygonCorners):
     >>> mps.polygon_distance(np.array([[0.5, 0.75], [2.0, 0.5]]), square).tolist()
     [-0.25, 1.0]
     """
+    sides = np.roll(corners, -1, axis=0) - corners
+    after = np.roll(sides, -1, axis=0)
+    turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]  # to the left, of an angle below 180 degrees
+    sound = turns.max() > 0.0 and turns.min() > -1e-9 * (sides**2).max()
+    require(sound, f"corners = {corners.tolist()}: must be those of a convex polygon, counter-clockwise")
     nearest, inside = np.full(len(x), np.inf), np.full(len(x), True)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         along, offset = b - a, x - a

@@ -266,6 +266,9 @@ def test_distance_from_a_polygon():
     square = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)]
     x = np.array([[1.0, 0.25], [1.0, 1.5], [3.0, 2.0], [-0.5, 0.5]])
     assert mps.polygon_distance(x, square) == pytest.approx([-0.25, 0.5, math.sqrt(2.0), 0.5])
+    for corners in (square[::-1], [*square[:2], (1.0, 0.5), *square[2:]], [square[k] for k in (0, 2, 1, 3)]):
+        with pytest.raises(mps.SceneError, match="must be those of a convex polygon, counter-clockwise"):
+            mps.polygon_distance(x, corners)
 
 
 @pytest.mark.parametrize(
