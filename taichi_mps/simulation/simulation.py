@@ -480,9 +480,8 @@ class Simulation:
         missing = {*self.particles.carried, "time", "steps", "last_dt", "report", "rest"} - set(state)
         require(not missing, f"state = {quote(state, '')}: has no {', '.join(sorted(missing))}; must come from state()")
         carried = {name: state[name] for name in self.particles.carried}
-        count, own = len(carried["x"]), self.particles.number
-        fits = count <= self.particles.capacity if self.pouring else count == own
-        require(fits, f"state: has {count} particles; must be of this scene, of {own}")
+        count, room = len(carried["x"]), self.particles.capacity
+        require(count <= room, f"state: has {count} particles; must be of this scene, at most {room}")
         self.particles.load(carried)
         self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None
