@@ -1,6 +1,7 @@
 """Rest criterion (I15): a body is at rest when its remaining displacement, by the observed decay, is negligible."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,16 +20,31 @@ class Rest:
     speed: float = 0.0  # of the moving particles, at the last fold [m/s]
     at: float = 0.0  # time of that fold [s]
     fold: float = 0.0  # time that the fold took [s]; 0 as long as nothing has fallen
+    before: Sequence[float] = ()  # speed, at and fold of the motion that a faster one interrupts, and since when [s]
 
     def __post_init__(self):
         """Raise a TypeError for values from a checkpoint that are no numbers."""
         for key, value in vars(self).items():
-            if not isinstance(value, int | float) and (key, value) != ("since", None):
+            numbers = value if key == "before" and isinstance(value, list | tuple) else [value]
+            if not all(isinstance(n, int | float) for n in numbers) and (key, value) != ("since", None):
                 raise TypeError(f"rest: {key} = {value!r} is not a number")
 
     def observe(self, speed: float, now: float) -> None:
-        """Record the speed of the moving particles [m/s] after a step, at a time [s]."""
+        """Record the speed of the moving particles [m/s] after a step, at a time [s].
+
+        A faster motion that has ended sooner than the one before it falls by e, such as of a drop, has interrupted it:
+        the former decay holds again.
+        """
+        if self.before:
+            before, at, fold, interrupted = self.before
+            over, short = speed <= FOLD * before, now - interrupted <= max(fold, interrupted - at)
+            if over and short:
+                self.speed, self.at, self.fold = before, at, fold
+            if over or not short:
+                self.before = ()
         if speed > FOLD * self.speed:
+            if self.fold > 0.0 and not self.before:
+                self.before = (self.speed, self.at, self.fold, now)
             self.speed, self.at, self.fold, self.since = speed, now, 0.0, None
         elif speed * FOLD <= self.speed:
             folds = math.log(self.speed / speed) if speed > 0.0 else math.inf

@@ -47,6 +47,21 @@ def test_of_a_layer_that_slows_down_as_one_over_the_square_of_time_at_most_thric
     assert stop(lambda t: c / (0.1 + t) ** 2, material, again=2.0)[0] == ends
 
 
+def test_drops_that_fall_meanwhile_do_not_end_a_slow_flow():
+    """Drops of 0.5 m/s, for a fortieth of a second at 4, 5 and 10 s, leave the time of rest of a decay of 5 s as it is;
+    a checkpoint of the drop's flight, too."""
+
+    def decay(t):
+        return 0.02 * np.exp(-t / 5.0)
+
+    def drops(t):
+        return 0.5 if any(fall <= t < fall + 0.025 for fall in (4.0, 5.0, 10.0)) else decay(t)
+
+    alone, _ = stop(decay, mps.Bingham())
+    assert alone > 10.0
+    assert stop(drops, mps.Bingham())[0] == alone == stop(drops, mps.Bingham(), again=10.0)[0]
+
+
 @pytest.mark.parametrize(
     ("speed", "material"),
     [
@@ -69,7 +84,7 @@ def test_a_front_before_a_large_body_that_stands_is_not_at_rest():
     assert 2.0 < ends < 2.4
 
 
-@pytest.mark.parametrize("written", [{"since": "now"}, {"speed": None}, {"at": [0.0]}, {"rest": 0.0}])
+@pytest.mark.parametrize("written", [{"since": "now"}, {"speed": None}, {"at": [0.0]}, {"before": ["0"]}, {"rest": 0.0}])
 def test_what_a_checkpoint_should_not_hold_is_refused(written):
     with pytest.raises(TypeError):
         Rest(**written)
