@@ -1,6 +1,6 @@
 """Least-squares gradient of the velocity and its exact adjoint, the force of a stress field (eqs 11, 22-29).
 
-With b_ij = (w/r^2) r_ij, w a weight of weights.py, M_i = sum_j b_ij (x) r_ij and B_i = M_i^-1 the gradient is
+With b_ij = (w/r^2) r_ij, w a weight of kernels.py, M_i = sum_j b_ij (x) r_ij and B_i = M_i^-1 the gradient is
 G_i(u) = [sum_j (u_j - u_i) (x) b_ij] B_i, and the force of stresses T is F_i = sum_j (V_i T_i B_i + V_j T_j B_j) b_ij:
 the negative adjoint of G, hence exact momentum, a symmetric operator and a traction-free surface without any marker.
 

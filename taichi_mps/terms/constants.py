@@ -80,7 +80,7 @@ class Term:
 
 @ti.data_oriented
 class Constants:
-    """Constants of each mix and scales of the scene: a field for each of OF_A_MIX and OF_THE_SCENE."""
+    """Constants of each mix and scales of the scene: a field for each of MIX_FIELDS and SCENE_FIELDS."""
 
     def __init__(self, particles, problem, gravity=None, twist=None):
         """``gravity``: field [m/s2] that is written at the start of a step; ``twist``: of its gradient [1/s2]."""

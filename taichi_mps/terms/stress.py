@@ -98,19 +98,19 @@ class Stress(Term):
         self.has_curve, self.has_growth = bool(self.curves), bool(self.growths)
         self.mu = ti.field(real(), self.capacity)  # viscosity of the implicit part of the stress [Pa s]
         self.yielded = ti.field(ti.i32, self.capacity)  # 1 where the material flows
-        # in a full vessel: by how much the stress differs over what the gradient of a particle sees [Pa]
-        self.averages = (
+        self.averages = (  # whether the law is averaged in a full vessel (I31)
             fluid.walls.carry_curvature and self.law == "yield-stress" and self.mixes == 1 and not self.has_curve
         )
+        # variation of the shear stress over the neighbourhood that the gradient of a particle sees [Pa]
         self.variation = ti.field(real(), self.capacity) if self.averages else None
-        self.fluidity = None  # shear rate of its own mix over the stress [1/(Pa s)], where there are several
+        self.fluidity = None  # shear rate over stress by the mix of each particle [1/(Pa s)], where there are several
         if self.mixes > 1:
             carried = self.law == "yield-stress"
             self.fluidity = self.particles.fluidity if carried else ti.field(real(), self.capacity)
 
     @stage("prepare")
     def set_viscosity(self):
-        """The viscosities of the matrix, for the shear rate at the start of the step."""
+        """Set the viscosities of the matrix for the shear rate at the start of the step."""
         for i in range(self.particles.count[None]):
             self.mu[i] = self.viscosity(i, self.strain_rate.rate[i])
             if ti.static(self.mixes > 1 and self.law != "yield-stress"):

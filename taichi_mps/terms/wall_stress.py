@@ -1,16 +1,20 @@
-"""Stress that the ghosts behind a no-slip wall carry besides that of the particle in front of it (I9).
+"""Stress of the ghosts behind a no-slip wall in excess of that of the particle in front of them (I9).
 
-Their stress differs along the wall as that of the fluid does. They contribute t(z) to the moment matrix M; without
-the corresponding force the first row feels only 77 % of a pressure gradient along the wall in two dimensions.
+With a free surface the stress of the ghosts varies along the wall as that of the fluid does. The ghosts contribute
+t(z) to the moment matrix M; without the corresponding force the first row of particles feels only 77 % of a pressure
+gradient along the wall in two dimensions.
 
-In a full vessel their shear stress, too, exceeds the first row's. A drive f = rho g - grad p along a wall makes it
-grow towards the wall, so a ghost at the normal distance h carries f h more than the particle. Its velocity goes on
-with the curvature -f/eta of the fluid's (walls.py), and the law of each particle is averaged over what its gradient
-sees (I31). Other flow curves are not: there the first row, with the stress of its own place, f l0/2 less than the wall,
-would yield late. So their law is averaged over the layer between row and wall: while the yield surface lies in it,
-where the wall carries s = tau_w - tau_y < f l0, the weight of the excess is 2 s/(f l0) - (s/(f l0))^2, and 1 beyond.
-Where there is a free surface none of this is added: its own error, a last row that is held back, balances this one in
-thin layers.
+In a full vessel the shear stress of the ghosts exceeds that of the first row instead. A drive f = rho g - grad p along
+a wall makes the shear stress grow towards the wall, so a ghost at the normal distance h carries f h more than the
+particle, and the velocity of the ghosts continues with the curvature -f/eta (walls.py).
+
+The first row, with the stress of its own place, f l0/2 less than that of the wall, would yield late. The law of a
+single Bingham mix is therefore averaged over the neighbourhood that a particle's gradient sees (I31). Any other law is
+averaged over the layer between row and wall: while the yield surface lies in that layer, where the wall carries
+s = tau_w - tau_y < f l0, the weight of the excess is 2 s/(f l0) - (s/(f l0))^2, and 1 beyond.
+
+With a free surface neither excess nor curvature is added: in thin layers the error of leaving them out is balanced by
+the error of the free surface, which holds back the last row.
 """
 
 from ..runtime.backend import real, ti
@@ -26,20 +30,22 @@ def no_force(i, face: ti.template() = None):
 
 @ti.data_oriented
 class WallStress(Term):
-    """Stress along the walls; in a full vessel also the drive along them, the weight of the excess of shear stress, and
-    the curvature of the velocity, for every particle in reach of a no-slip wall, and the variation of the stress for
-    all particles."""
+    """Stress of the ghosts of no-slip walls, besides that of the particle in front of them.
+
+    In a full vessel each particle in reach of such a wall has a drive along it, a weight of the excess of shear stress
+    and a curvature of the velocity, and every particle has a variation of the stress."""
 
     def __init__(self, fluid, constants, strain_rate, pressure, stress):
         super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, stress=stress)
         d, self.in_full_vessels = self.dimension, fluid.walls.carry_curvature
         self.drive = ti.Vector.field(d, real(), self.capacity)  # rho g - grad p [N/m3]
-        self.weight = ti.field(real(), self.capacity)  # of the excess [-]
+        self.weight = ti.field(real(), self.capacity)  # weight of the excess of shear stress [-]
         self.inverse_moment = ti.Matrix.field(d, d, real(), self.capacity)  # inverse of the moment without walls [-]
 
     @ti.func
     def force(self, i, face: ti.template() = None):
-        """Force density [N/m3] of the ghosts' stress on particle i, besides that of its own stress."""
+        """Force density [N/m3] on particle i of the ghosts' stress in excess of its own: of its variation along the
+        walls with a free surface, of the excess of shear stress in a full vessel."""
         force = ti.Vector.zero(float, self.dimension)
         if ti.static(self.in_full_vessels):  # noqa: SIM102  (a compiled choice stays apart)
             if self.pressure.full[None] == 1:
@@ -50,8 +56,8 @@ class WallStress(Term):
 
     @stage("wall stress")
     def set_drive_and_weight(self):
-        """Set the moment of the fit without walls and, in a full vessel, drive and weight at the start of a step: the
-        weight with which the present stress is in equilibrium."""
+        """Set the inverse moment without walls and, in a full vessel, drive, weight, curvature and variation of the
+        stress at the start of a step. The weight is that with which the present stress is in equilibrium."""
         for i in range(self.particles.count[None]):
             if self.touches_wall(i):
                 M = ti.Matrix.zero(float, self.dimension, self.dimension)
@@ -66,14 +72,14 @@ class WallStress(Term):
             if ti.static(self.stress.averages):
                 for i in range(self.particles.count[None]):
                     self.stress.variation[i] = self.stress_variation(i) if self.pressure.full[None] == 1 else 0.0
-            for i in range(self.rows()):
+            for i in range(self.count_in_full_vessel()):
                 self.set_drive(i)
 
     @stage("wall stress")
     def update_weight(self):
         """Update the weight, in a full vessel, for the present stress of the wall."""
         if ti.static(self.in_full_vessels):
-            for i in range(self.rows()):
+            for i in range(self.count_in_full_vessel()):
                 if self.touches_wall(i):
                     half = self.half_layer_stress(i)
                     size = self.stress.shear_stress_magnitude(i, self.stress.mu[i])
@@ -81,8 +87,8 @@ class WallStress(Term):
                     self.weight[i] = self.excess_weight(i, ti.max(0.0, s) / ti.max(2.0 * half, 1e-12), size)
 
     @ti.func
-    def rows(self):
-        """Number of rows of a full vessel, else 0."""
+    def count_in_full_vessel(self):
+        """Number of particles in a full vessel, else 0."""
         return self.particles.count[None] * self.pressure.full[None]
 
     @ti.func
@@ -105,8 +111,8 @@ class WallStress(Term):
             self.weight[i] = self.excess_weight(i, ti.sqrt(over / ti.max(self.half_layer_stress(i), 1e-12)), size)
             # the fraction of the layer up to the next row that flows
             flowing_fraction = ti.min(self.weight[i], over / ti.max(2.0 * self.half_layer_stress(i), 1e-12))
-            # part of the drive that the stress along a concave wall bears, half of it in a pipe [-]; left out at a
-            # convex wall, along which a drive hardly ever acts
+            # fraction of the drive that the stress along a concave wall bears, half in a pipe [-]; 0 at a convex wall,
+            # along which a drive hardly ever acts
             bent = ti.cast(0.0, float)
             for f, wall in ti.static(self.walls.select_faces(None, "no_slip")):
                 if ti.static(wall.curved):  # noqa: SIM102  (a compiled choice stays apart)
@@ -139,7 +145,8 @@ class WallStress(Term):
 
     @ti.func
     def excess_weight(self, i, s, size):
-        """Weight of the excess, s over f l0: never more than doubles the stress of the first row, its ``size`` [Pa]."""
+        """Weight of the excess of shear stress [-] for s over f l0. The excess is at most ``size``, the shear stress
+        [Pa] of particle i: it never more than doubles that of the first row."""
         weight = ti.cast(1.0, float)
         if ti.static(not self.stress.averages):  # noqa: SIM102  (a compiled choice stays apart)
             if s < 1.0:
@@ -148,7 +155,7 @@ class WallStress(Term):
 
     @ti.func
     def touches_wall(self, i):
-        """Whether particle i is in reach of a wall that holds it."""
+        """Whether particle i is in reach of a wall that resists slip."""
         in_reach = False
         for f, _wall in ti.static(self.walls.select_faces(None, "resists_slip")):
             in_reach = in_reach or self.walls.c[i, f] > 0.0
@@ -156,7 +163,8 @@ class WallStress(Term):
 
     @ti.func
     def half_layer_stress(self, i):
-        """f l0/2 [Pa], f the largest part [N/m3] of the drive of particle i along a no-slip wall in reach."""
+        """Growth f l0/2 [Pa] of the shear stress over half a layer, f [N/m3] the largest part of the drive of particle
+        i along a no-slip wall in reach."""
         most = ti.cast(0.0, float)
         for f, wall in ti.static(self.walls.select_faces(None, "no_slip")):
             if self.walls.c[i, f] > 0.0:
@@ -179,8 +187,8 @@ class WallStress(Term):
 
     @ti.func
     def along_the_walls(self, i, face: ti.template() = None):
-        """Force density [N/m3] by which the stress of the ghosts differs along the walls: the divergence of the stress
-        T in the directions along each wall, times t(z) and B."""
+        """Force density [N/m3] on particle i of the variation of the ghosts' stress along the walls: the divergence of
+        the stress T in the directions along each wall, times t(z) and B."""
         force = ti.Vector.zero(float, self.dimension)
         moment = ti.Matrix.zero(float, self.dimension, self.dimension)
         x, size = self.particles.x[i], self.gradient.cross_section_ratio(i)
