@@ -9,12 +9,12 @@ from ..report.inputs import option, shown
 from ..study.calibrate import Measurements
 from ..units import unit_of
 
-FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # of their groups
-OMITTED = {"renderer"}  # goes
-SLIDERS = {"yield_value": (10.0, 2000.0), "plastic_viscosity": (1.0, 500.0)}  # ends for usual concrete, SI units
-SLIDER_RATIO = 20.0  # ends of a slider over a default that is no usual one, or its inverse
+FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # fields that lead their group
+OMITTED = {"renderer"}  # deprecated option
+SLIDERS = {"yield_value": (10.0, 2000.0), "plastic_viscosity": (1.0, 500.0)}  # ranges for usual concrete, SI units
+SLIDER_RATIO = 20.0  # where a default is near an end of that range or outside: ends of the slider over it, or inverse
 SWITCH = {"no": False, "yes": True}
-PREVIEW_MODELS = {  # tests that are previewed: what their models have, and what of the form they leave out (None)
+PREVIEW_MODELS = {  # {test with a preview: {keyword: value in the preview, None to leave out that of the form}}
     "slump": dict.fromkeys(("spacing", "lift_speed", "accuracy", "floor_radius")) | {"model": "axisymmetric"},
     "mini_cone": dict.fromkeys(("spacing", "lift_speed")) | {"model": "axisymmetric"},
     "film": {},
@@ -50,7 +50,7 @@ def measurements() -> list[dict]:
 
 
 def field_facts(name: str, field) -> dict:
-    """Facts of a field: name, label, unit, default, choices, and ends of its slider."""
+    """Facts of a field: name, label, unit, default, help, choices ("words"), and ends of its slider."""
     unit, default = unit_of(field).strip("-"), field.default
     words = list(SWITCH) if field.annotation is bool else choices(field)
     ends = SLIDERS.get(name) if isinstance(default, float) else None

@@ -1,4 +1,4 @@
-"""Jolt: the sudden stop of the support of the concrete, as of a flow table. Plain NumPy."""
+"""Jolt: the sudden stop of the support of the concrete, such as a flow table. Plain NumPy."""
 
 from dataclasses import dataclass
 
@@ -11,30 +11,30 @@ from ..units import INSTANT, Time, points, real, require, validated, vector
 @validated
 @dataclass(frozen=True)
 class Jolt:
-    """Jump of the velocity of all fluid beside its walls, of no duration.
+    """Instantaneous jump of the velocity of all fluid relative to the walls.
 
     Parameters
     ----------
     time : float
-        Time at which it is [s].
+        Time of the jump [s].
     velocity : tuple of float, length d
-        Jump of the velocity [m/s], for a rotation at the pivot.
+        Jump of the velocity [m/s]; with a rotation, that of the pivot.
     angular_velocity : float, optional
-        Jump of a rotation about the axis through ``pivot`` [rad/s], in two dimensions counter-clockwise.
+        Jump of the angular velocity about the axis through ``pivot`` [rad/s], in two dimensions counter-clockwise.
     pivot : tuple of float, length d, optional
         Point of the axis [m], the origin by default.
     axis : tuple of float, length 3, optional
-        Direction of the axis [-]; None in two dimensions.
+        Direction of the axis [-], ignored in two dimensions.
 
     Raises
     ------
     SceneError
-        If the numbers are not of one dimension, or a rotation has no axis in three.
+        If the vectors differ in length, or a rotation in three dimensions has no axis.
 
     Notes
     -----
-    Jolts are computed in the frame of the walls, as a gravity of the duration of one step: the step that follows gives
-    the fluid the velocity that it has after the shock, before anything has moved (eq I13).
+    A jolt is computed in the frame of the walls, as a gravity that acts during one step: the first step after it gives
+    the fluid its velocity after the shock, before anything has moved (eq I13).
 
     Examples
     --------
@@ -88,7 +88,7 @@ class Jolt:
 
     @property
     def times(self) -> tuple[float]:
-        """Time at which a step ends [s]."""
+        """Times at which a step must end [s]: that of the jolt."""
         return (self.time,)
 
     @property
@@ -97,7 +97,7 @@ class Jolt:
         return self.time
 
     def changes(self, time: float) -> bool:
-        """Return whether the jolt is at a time.
+        """Return whether the jolt happens at a time.
 
         Parameters
         ----------
@@ -107,6 +107,6 @@ class Jolt:
         Returns
         -------
         bool
-            True if it is.
+            True if it does.
         """
         return abs(time - self.time) < INSTANT
