@@ -3,9 +3,9 @@
 The engine is written for Taichi 1.7.4, which has no wheel for Python 3.14 and gets no more releases. Where it is not
 installed the engine runs on Quadrants, its maintained fork; TAICHI_MPS_KERNELS=taichi or quadrants chooses.
 
-Each workaround says why it is there and when it can go; tests/runtime holds each. Cures of wrong
-results are always on. Speed patches reach into Taichi's internals, and no bit of a result depends on them:
-TAICHI_MPS_WORKAROUNDS=0 leaves them out, and so does a version that they were not written for.
+Each workaround says why it is there; tests/runtime tests each. Corrections of wrong results are always on. Speed
+patches reach into Taichi's internals, and no bit of a result depends on them: TAICHI_MPS_WORKAROUNDS=0 switches them
+off, and so does a version that they were not written for.
 """
 
 import functools
@@ -25,7 +25,7 @@ LANGUAGES = "taichi", "quadrants"
 
 
 # ---- choice of the language -----------------------------------------------------------------------------------------
-def chosen() -> str:
+def chosen_language() -> str:
     """Name of the kernel language: TAICHI_MPS_KERNELS, else Taichi if it is installed, else Quadrants."""
     installed = [name for name in LANGUAGES if find_spec(name)]
     name = os.environ.get("TAICHI_MPS_KERNELS") or (installed or LANGUAGES)[0]
@@ -46,7 +46,7 @@ def silence_language() -> None:
     warnings.filterwarnings("ignore", message=".*Template mapper caching disabled")
 
 
-LANGUAGE = chosen()
+LANGUAGE = chosen_language()
 silence_language()
 set_cache_folders(LANGUAGE)
 ti = importlib.import_module(LANGUAGE)
@@ -81,10 +81,11 @@ def compiled_now():
     return runtime.current_kernel if LANGUAGE == "taichi" else runtime._current_global_context.current_kernel
 
 
-# ---- cures of wrong results -----------------------------------------------------------------------------------------
+# ---- corrections of wrong results ------------------------------------------------------------------------------------
 # Options of ti.init. Taichi miscompiles a vector local that is read, conditionally changed and overwritten (its issue
-# 8744); without cfg_optimization it does not, at no cost in run time. Quadrants computes the known patterns rightly;
-# the option is off there, too, for equal code. An unrolling limit of 0 avoids a warning of intended unrolling.
+# 8744); without cfg_optimization it does not, at no cost in run time. Quadrants computes the known patterns
+# correctly; the option is off there, too, for equal code. An unrolling limit of 0 avoids a warning of intended
+# unrolling.
 OPTIONS = {"cfg_optimization": False, "unrolling_limit": 0}
 
 
@@ -132,7 +133,7 @@ def cache_sources() -> None:
 
     Taichi wraps the text of each expression of a kernel, 65,000 times in a cone, and looks up and wraps the source of a
     function wherever a kernel calls it, 1,000 times. A process that computes the default cone to 0.04 s with compiled
-    kernels in the cache takes 7 processor seconds with this and 10 without. Quadrants remembers both.
+    kernels in the cache takes 7 processor seconds with this and 10 without. Quadrants caches both.
     """
     from taichi.lang import kernel_impl
     from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext

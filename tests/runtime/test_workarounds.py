@@ -135,6 +135,6 @@ def test_taichi_is_the_language_where_it_is_installed_else_quadrants(monkeypatch
     monkeypatch.setattr(workarounds, "find_spec", lambda name: name if name in here else None)
     if ":" in chosen:
         with pytest.raises(backend.SceneError, match=chosen):
-            workarounds.chosen()
+            workarounds.chosen_language()
     else:
-        assert workarounds.chosen() == chosen
+        assert workarounds.chosen_language() == chosen
