@@ -5,10 +5,10 @@ import unicodedata
 from fractions import Fraction
 from functools import cache
 
-LONGEST = 100  # characters of a number with its unit
+MAX_CHARACTERS = 100  # of a number with its unit
 
-# The units that are known, in the language of pint: name = value = symbol = alias. What has more than one size (ton,
-# gallon, grad) is not known. An angle is no number, and so no percentage; a rotation of 1/min is one turn a minute.
+# Known units as pint defines them: name = value = symbol = alias. Names with several sizes (ton, gallon, grad) are left
+# out. An angle has a dimension, so that no percentage is read as one.
 UNITS = """
 mega- = 1e6 = M-
 kilo- = 1e3 = k-
@@ -29,7 +29,7 @@ foot = 12 inch = ft = feet
 yard = 3 foot = yd
 thou = 0.001 inch
 mile = 5280 foot = mi
-second = [time] = s = S = sec = Sec = SEC = sek = Sek = sekunde = sekunden
+second = [time] = s = S = sec = Sec = SEC = sek = Sek = SEK = sekunde = sekunden
 minute = 60 second = min = Min = MIN = minuten
 hour = 60 minute = h = H = hr = Hr = std = Std = stunde = stunden
 day = 24 hour = d
@@ -80,8 +80,8 @@ permille = 0.001
 ppm = 1e-6
 """
 
-SPACES = "\u00a0\u2007\u2009\u202f"  # that hold the digits of one number together
-ALIKE = {
+SPACES = "\u00a0\u2007\u2009\u202f"  # non-breaking and thin spaces, which group the digits of a number
+ALIKE = {  # {plain text: characters that are read as it}
     "-": "\u2010\u2011\u2012\u2013\u2014\u2015\u2212\u02d7",
     "*": "·•∙⋅×∗‧・",
     "/": "⁄∕÷",
@@ -96,12 +96,12 @@ ALIKE = {
 }
 ALIKE = {ord(character): to for to, others in ALIKE.items() for character in others}
 
-NUMBER = re.compile(
+NUMBER = re.compile(  # sign, digits, exponent after e, exponent of 10
     r"(?a)([-+]?)(\d+(?:[.,'_]\d+)*[.,]?|[.,]\d+)"
     r"(?:[eE]([-+]?\d{1,3})(?!\d)|\s*[xX*]\s*10(?:\^|\*\*)\(?([-+]?\d{1,3})\)?)?"
 )
 
-SPELLINGS = [  # of units, one after the other; in the end names, '^' before a digit, '*', '/' and brackets are left
+REWRITES = [  # patterns in a unit and their replacements, in order; names, '^' before a digit, '*', '/', '()' remain
     (r"(?i)\br\. ?p\. ?m\b\.?", "rpm"),
     (r"%", " percent "),
     (r"‰", " permille "),
@@ -130,33 +130,33 @@ SPELLINGS = [  # of units, one after the other; in the end names, '^' before a d
 FACTOR = r"[a-zA-Z_]+(?:\^-?[1-9])?"
 FACTORS = rf"{FACTOR}(?:[*/]{FACTOR})*"
 PART = rf"(?:{FACTOR}|\({FACTORS}\))"
-UNIT = re.compile(rf"(?:1/)?{PART}(?:[*/]{PART})*|")  # what pint may see: it evaluates what it is given
+UNIT = re.compile(rf"(?:1/)?{PART}(?:[*/]{PART})*|")  # text that pint may get: it evaluates expressions
 
 
 class AmbiguousError(ValueError):
-    """Digits that are one number to some and another to others."""
+    """Digits that may be read as two different numbers."""
 
 
 @cache
 def registry():
-    """Units by their names (pint), exact. Read when a number first comes with a unit."""
+    """Registry of UNITS (pint), with exact factors; made when a number first has a unit."""
     import pint
 
     return pint.UnitRegistry(UNITS.splitlines(), non_int_type=Fraction)
 
 
 def normalised(text: str) -> str:
-    """A text in plain characters: superscripts as '^2', one kind of minus, dot, quotation mark and space."""
+    """Return a text in plain characters: superscripts as '^2', one kind of minus, dot, quotation mark and space."""
     text = re.sub(rf"(?<=\d)[{SPACES}](?=\d{{3}}(?!\d))", "_", text)
     text = re.sub("[⁰¹²³⁴-⁹⁺⁻ⁿ]+", r"^\g<0>", text).translate(ALIKE)
     text = unicodedata.normalize("NFKC", text).translate(ALIKE)
-    return "".join(c for c in text if unicodedata.category(c) != "Cf").strip()  # what is not seen
+    return "".join(c for c in text if unicodedata.category(c) != "Cf").strip()  # without invisible characters
 
 
 def decimal_point(digits: str) -> str:
     """Return digits with points, commas, apostrophes or underscores as digits with a decimal point.
 
-    ValueError for what is no number, or two: 1,000.
+    ValueError for text that is no number; AmbiguousError for 1,000, which is 1.000 or 1000.
     """
     marks = re.sub(r"\d", "", digits)
     whole, mark, part = digits, "", ""
@@ -171,9 +171,9 @@ def decimal_point(digits: str) -> str:
 
 
 def canonical(unit: str) -> str:
-    """A unit as pint writes it; ValueError for what is none."""
+    """Return a unit as pint reads it; ValueError for text that is no unit."""
     unit = normalised(unit).strip(" []-")
-    for pattern, to in SPELLINGS:
+    for pattern, to in REWRITES:
         unit = re.sub(pattern, to, unit)
     unit = re.sub(r"[\s*]+", "*", unit.strip(" *"))
     if not UNIT.fullmatch(unit):
@@ -182,8 +182,12 @@ def canonical(unit: str) -> str:
 
 
 def converted(number: Fraction, given: str, unit: str) -> float:
-    """A number of the unit ``given`` in another, of the same kind; ValueError, or an error of pint, for one of another
-    kind, in each way to read it: ms is m s to some, and what follows a solidus, as in kg/m s, is below it or not."""
+    """Convert a number from the unit ``given`` to ``unit``; 1/min as a rotation speed is one turn a minute.
+
+    The first reading of ``given`` that has the dimension of ``unit`` counts: ms is milliseconds or m s, and all or only
+    the first of the units after a solidus, as in kg/m s, are in the denominator. ValueError, or an error of pint, where
+    none has.
+    """
     known, given = registry(), canonical(given)
     target = known.parse_units(canonical(unit))
     spelled = given, re.sub(r"\bms\b", "m*s", given)
@@ -198,15 +202,18 @@ def converted(number: Fraction, given: str, unit: str) -> float:
 
 def without_unit(text: str) -> bool:
     """Whether a text is a number alone."""
-    return bool(NUMBER.fullmatch(normalised(text[:LONGEST])))
+    return bool(NUMBER.fullmatch(normalised(text[:MAX_CHARACTERS])))
 
 
 def in_unit(unit: str, value):
-    """A number as text, with its unit or without, '0.5 kPa', '5mm', '200,5', in ``unit``: as a number, or as text that
-    Python reads where it has no other unit. Anything else as it is. ValueError for a unit of another kind, and for
-    digits that are two numbers, 1,000."""
+    """Convert a number in a text, with or without a unit ('0.5 kPa', '5mm', '200,5'), to ``unit``.
+
+    Returns a float where the text has another unit, else the number as text that ``float`` reads. A value that does not
+    begin with a number is returned unchanged. ValueError for a unit of another kind; AmbiguousError for digits that are
+    two numbers, 1,000.
+    """
     unit = unit.strip("-")
-    found = NUMBER.match(normalised(value)) if isinstance(value, str) and len(value) <= LONGEST else None
+    found = NUMBER.match(normalised(value)) if isinstance(value, str) and len(value) <= MAX_CHARACTERS else None
     if not found:
         return value
     try:

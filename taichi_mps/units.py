@@ -21,7 +21,7 @@ from pydantic import (
     model_validator,
 )
 
-from .spelling import LONGEST, in_unit, without_unit
+from .spelling import MAX_CHARACTERS, in_unit, without_unit
 
 
 class SceneError(ValueError):
@@ -348,7 +348,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
             kind, allowed = "length", f"must be {len(get_args(model.model_fields[key].annotation))} values"
         elif kind.startswith(("greater", "less")):
             allowed += f" {unit}" * bool(unit) + f" ({known.hint})" * bool(known.hint)
-        shown = " ".join(str(item["input"])[:1000].split())[:LONGEST] or "''"  # on one line
+        shown = " ".join(str(item["input"])[:1000].split())[:MAX_CHARACTERS] or "''"  # on one line
         if not isinstance(item["input"], str) or without_unit(item["input"]) or kind == "finite_number":
             shown += f" {unit}" * bool(unit)
         if kind == "extra_forbidden":
