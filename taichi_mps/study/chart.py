@@ -11,7 +11,7 @@ from ..validation import columns as reference
 from ..viz.plots import COLOURS, _figure, _save
 from .curves import SHEAR_RATES
 from .emulator import DENSITY, emulator_of
-from .mixes import groups
+from .mixes import chart_groups
 from .require import fills
 from .tables import measures
 
@@ -77,7 +77,7 @@ def slump_chart(out: Picture, study: Place | None = None) -> Path:
 def mixes_chart(rows, out) -> Path:
     """Draw slump flow against slump [cm] of a laboratory's mixes, each joined with the nearest mix of the model."""
     figure, axes = _figure(8.0, 6.0)
-    for group in groups(rows):
+    for group in chart_groups(rows):
         both, colour = np.array([group["measured"], group["model"]]), group["colour"]
         axes.plot(*both.transpose(2, 0, 1), "-", color=colour, lw=0.8, alpha=0.6)
         axes.plot(*both[0].T, "o", color=colour, ms=5, label=f"{group['verdict']}, measured")

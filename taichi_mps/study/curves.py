@@ -13,7 +13,7 @@ from ..problem.measures import still
 from ..spelling import in_unit, without_unit
 from ..units import SceneError, require, unit_of, user_path
 from .calibration import FittedConstants, rounded
-from .tables import ROW_ERROR, SPELLINGS, key_of, quantity, read_list
+from .tables import COLUMN_NAMES, ROW_ERROR, key_of, match_column, read_list
 
 TIME_COLUMNS = "time t zeit temps 時間"  # names of the column of the times
 DIAMETER = "spread_m"  # measure of a column 'diameter', which is an ignored word beside other names
@@ -53,7 +53,7 @@ def column_meanings(keywords: dict, measures) -> tuple[dict[str, str], dict[str,
         units[name] = unit_of(each).strip("-")
     for name in measures:
         stem = name.removesuffix(next(end for end in UNITS if name.endswith(end)))
-        words |= {key_of(word): name for word in (name, stem, title(name), *SPELLINGS.get(stem, "").split())}
+        words |= {key_of(word): name for word in (name, stem, title(name), *COLUMN_NAMES.get(stem, "").split())}
         units[name] = unit_by_name(name)
     return words | ({"": DIAMETER} if DIAMETER in measures else {}), units
 
@@ -64,7 +64,7 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
     path = user_path(path)
     rows, where = read_list(path, "curve"), f"curve = {path}: "
     words, units = column_meanings(keywords, measures)
-    contents = {column: quantity(column, words, units.get) for column in rows[0] if column}
+    contents = {column: match_column(column, words, units.get) for column in rows[0] if column}
     found = [field for field, _ in contents.values() if field]
     duplicate = next((field for field in found if found.count(field) > 1), "")
     require(not duplicate, f"{where}two columns are {duplicate}; must be one")

@@ -20,11 +20,11 @@ from . import tables
 from .calibrate import CONE_RESULTS, FIELD_OF_RESULT, Measurements, calibrate
 from .calibration import BINGHAM, CONSTANT_UNITS, FRICTIONAL, NAMES, Calibration, Constant, is_time, rounded
 from .sweep import executor_of
-from .tables import ROW_ERROR, SPELLINGS, key_of, quantity
+from .tables import COLUMN_NAMES, ROW_ERROR, key_of, match_column
 
 EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
 TWO_ANSWERS, FAR, REFUSED = "two answers", "not explained", "refused"
-VERDICTS = {  # and their meaning
+VERDICTS = {  # {verdict: its meaning}
     EXPLAINED: "one mix comes within 10 mm of the slump, 20 mm of the slump flow and 4 mm of the mini-cone, its yield "
     "stress is found",
     BOUNDED: "the same, or no slump at all; the yield stress is bounded on one side",
@@ -34,16 +34,15 @@ VERDICTS = {  # and their meaning
     FAR: "no mix comes so near, or the yield stress is not bounded",
     REFUSED: "the measurement cannot be used, for the reason given",
 }
-OTHER_TESTS = {  # names of measurements that are not used, and what they are
+OTHER_TESTS = {  # {beginning of a column's key: what this unused measurement is}
     "ausbreitmass": "of the flow table (EN 12350-5), no slump flow",
     "flowtable": "of the flow table (EN 12350-5), no slump flow",
 }
+# {key_of(name of a column): field of Measurements}
 FIELDS = {key_of(name): name for name in Measurements.model_fields}
-FIELDS |= {key_of(word): field for field, words in SPELLINGS.items() for word in words.split()}
+FIELDS |= {key_of(word): field for field, words in COLUMN_NAMES.items() for word in words.split()}
 FIELDS |= {f"{key}error": f"{field}_error" for key, field in FIELDS.items() if field in FIELD_OF_RESULT.values()}
-
-
-SECONDS_PER_MIX = 0.05  # CPU time
+SECONDS_PER_MIX = 0.05  # CPU time of a calibration [s]
 RESULT_COLUMN = re.compile(  # name of a column that a table of results adds
     rf"(verdict|reason|({'|'.join(FRICTIONAL)})_(found|lower|upper|from|by_.+)|({'|'.join(NAMES)})_(model|missed))"
     r"( \(given\))*"
@@ -60,13 +59,15 @@ ABOUT = (
 # ---- the list --------------------------------------------------------------------------------------------------
 @lru_cache(maxsize=256)
 def field_and_unit(column: str) -> tuple[str | None, str]:
-    """Return the field of Measurements that a column holds, else None, and the unit that its name gives, else ''.
-    SceneError for a unit of another kind."""
-    return quantity(column, FIELDS, lambda field: unit_of(Measurements.model_fields[field]))
+    """Return the field of Measurements that a column holds, else None, and the unit in its name, else ''.
+
+    SceneError for a unit of another kind.
+    """
+    return match_column(column, FIELDS, lambda field: unit_of(Measurements.model_fields[field]))
 
 
 def hint(column: str) -> str:
-    """Format the name of a column that is no measurement, with a similar name or what it is."""
+    """Format the name of a column that is no measurement, with what it is or with a similar name that is one."""
     key = key_of(re.sub(r"[\[(].*", "", column))
     similar = suggestion(key, FIELDS.keys() - {key}).removeprefix(", ")
     reason = next((reason for name, reason in OTHER_TESTS.items() if key.startswith(name)), similar)
@@ -147,8 +148,8 @@ def calibrate_row(row: dict[str, str], study=None) -> dict:
 
 
 def columns_of(found: Calibration) -> dict:
-    """Return the result columns of a calibration, SI units, None where it has none; constants and model are of the mix
-    with internal friction where that explains the measurements."""
+    """Return the result columns of a calibration in SI units, None without a value. Constants and model are those of
+    the mix with internal friction where that explains the measurements."""
     mix, columns = found.best, {}
     for name, constant in mix.constants.items():
         columns |= {
@@ -191,12 +192,14 @@ def calibrate_list(
     executor: Text | None = None,
     workers: Count | None = None,
 ) -> list[dict]:
-    """Calibrate all rows and return them with the results, in order; ``watch(row, number)`` is called for each. They
-    are computed in this process, in SECONDS_PER_MIX each, unless ``executor`` is 'local' (``workers`` processes of this
-    machine, by default one a CPU) or 'dask://HOST:PORT'. What a worker does not finish is computed here."""
+    """Calibrate all rows and return them with the results, in order; ``watch(row, number)`` is called after each.
+
+    Rows are computed in this process unless ``executor`` is 'local' (``workers`` processes of this machine, by default
+    one a CPU) or 'dask://HOST:PORT'. A row that a worker does not finish is computed in this process.
+    """
     require(
         not (executor or "").startswith("slurm:"),
-        f"executor = {executor}: a mix takes a tenth of a second; must be local or dask://HOST:PORT",
+        f"executor = {executor}: a mix takes {SECONDS_PER_MIX} s; must be local or dask://HOST:PORT",
     )
     require(
         not workers or executor in (None, "local"),
@@ -231,8 +234,7 @@ def tally(rows: list[dict]) -> str:
 
 def write(rows: list[dict], path) -> None:
     """Write the table of results, CSV, numbers with five figures."""
-    rounded = [{name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()} for row in rows]
-    tables.write(rounded, path)
+    tables.write([{name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()} for row in rows], path)
 
 
 # ---- the page --------------------------------------------------------------------------------------------------
@@ -242,7 +244,7 @@ def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
     return publish(
         Path(__file__).with_name("mixes.html"),
         user_path(out),
-        groups(rows, columns),
+        chart_groups(rows, columns),
         title=safe(f"{Path(source).name}: mixes calibrated"),
         lead=f"{len(rows)} mixes",
         tally=table(verdict_counts(rows), ["mixes", "come out as", ""]),
@@ -252,7 +254,7 @@ def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
 
 
 def page_cells(row: dict) -> list[str]:
-    """Return the cells of a row's result, PAGE_COLUMNS."""
+    """Return the cells of a row under PAGE_COLUMNS."""
     if row["verdict"] in (TWO_ANSWERS, REFUSED):  # the nearest mix of a contradiction fits no measurement
         return [*[""] * 5, row["verdict"], row["reason"]]
     constants = [text for name in BINGHAM for text in (interval(row, name), row.get(f"{name}_from", ""))]
@@ -268,9 +270,9 @@ def interval(row: dict, name: str) -> str:
     return f"{text} ({rounded(lower)} to {rounded(upper)})" if constant.determined and lower != upper else text
 
 
-def groups(rows: list[dict], columns=()) -> list[dict]:
-    """Return the groups of a chart, one for each verdict: its name and colour, the names of its mixes by some columns,
-    and slump and slump flow [cm], measured and of the nearest mix, (n, 2) each."""
+def chart_groups(rows: list[dict], columns=()) -> list[dict]:
+    """Return the groups of a chart, one for each verdict that occurs: verdict, colour, the names of its mixes from some
+    columns, and slump and slump flow [cm], measured and of the nearest mix, (n, 2) each."""
     compared, found = [row for row in rows if all(row.get(f"{name}_missed") is not None for name in CONE_RESULTS)], []
     for verdict, colour in zip(VERDICTS, COLOURS, strict=False):
         selected = [row for row in compared if row["verdict"] == verdict]

@@ -23,12 +23,11 @@ JOURNAL = "journal.jsonl"
 TABLE = "results.csv"
 COMMENT_LINE = re.compile(r'\s*"?#(?!\s*[,;\t]\s*["\w])')  # begins a comment before the header; '#,slump' is a header
 SEPARATOR = re.compile(r'(?i)"?sep=(.)"?\s*')  # first line that tells Excel the delimiter
-MAX_ROWS = 100_000  # some two hours of calibrations
+MAX_ROWS = 100_000  # 1.4 hours of calibrations
 DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(\d+)(?![\d.,])")  # a number with a comma, where semicolons separate cells
 ROW_ERROR = None  # key of a row's error, where its cells do not match the header
-# by field of Measurements and measure of a scene: its other names in EN 12350, JIS A 1101, 1150 and 1116, and common
-# ones; letters alone
-SPELLINGS = {
+# {field of Measurements or stem of a scene's measure: its other names, common or in EN 12350, JIS A 1101, 1150, 1116}
+COLUMN_NAMES = {
     "slump": "setzmass affaissement zetmaat スランプ",
     "spread": "slumpflow sf slumpflowsf slumpspread setzfliessmass étalement vloeimaat スランプフロー",
     "t500": "t50 t50cm t500mm t500time slumpflowtime slumpflowtimet500 t500zeit 50cmフロー到達時間 500mmフロー到達時間 "
@@ -44,9 +43,8 @@ IGNORED_WORDS = {"value", "mean", "average", "avg", "measured", "test", "the", "
 IGNORED_WORDS |= {"wert", "mittelwert", "diameter", "平均"}
 BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 STANDARD = re.compile(r"(?i)(en|din|jis|jsce|astm|iso|bs|nf)\b")  # number of a standard in brackets
-SPELLED = {"秒": "s", "sek": "s", "sek.": "s", "s": "s", "pa": "Pa", "pa s": "Pa s", "t/m3": "t/m3", "g/cm3": "g/cm3"}
 UNIT = r"mm|cm|dm|m|in|inch|inches|ft|s|sec|min|kg/m\^?3|t/m\^?3|g/cm\^?3|kg/l|lb/ft\^?3|k?Pa|Pa[ .·*]?s|秒|sek\.?"
-NAME_AND_UNIT = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNIT})")  # without brackets
+NAME_AND_UNIT = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNIT})")  # name of a column without brackets
 
 
 # ---- lists ----------------------------------------------------------------------------------------------------
@@ -57,7 +55,7 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
     ``key`` and the line, for any other file."""
     where = f"{key} = {path}: "
     try:
-        text = decoded(ordinary(where[:-2], path, 1e8).read_bytes())
+        text = decoded(ordinary(f"{key} = {path}", path, 1e8).read_bytes())
     except OSError as error:
         raise SceneError(f"{where}cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:
@@ -70,12 +68,12 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
     skipped = next(header_lines, len(lines))
     given = SEPARATOR.fullmatch(lines[skipped]) if lines[skipped:] else None
     skipped += bool(given)
-    first, found, empty = skipped + 1, [], f"{where}is empty; must be a CSV file with a head and rows"
-    hidden = "has comments (#) alone; its head must not begin with #" * any(map(COMMENT_LINE.match, lines))
-    require(lines[skipped:], f"{where}{hidden}" if hidden else empty)
+    first, found, empty = skipped + 1, [], f"{where}is empty; must be a CSV file with a header and rows"
+    only_comments = "has comments (#) alone; its header must not begin with #" * any(map(COMMENT_LINE.match, lines))
+    require(lines[skipped:], f"{where}{only_comments}" if only_comments else empty)
     try:
-        cells = {sign: len(next(csv.reader(lines[skipped:], delimiter=sign))) for sign in "\t;,"}
-        delimiter = given[1] if given else next((sign for sign in cells if cells[sign] > 1), ";")  # 18,5 is one cell
+        counts = {sign: len(next(csv.reader(lines[skipped:], delimiter=sign))) for sign in "\t;,"}
+        delimiter = given[1] if given else next((sign for sign in counts if counts[sign] > 1), ";")  # 18,5 is one cell
         reader = csv.reader(lines[skipped:], delimiter=delimiter, strict=True)
         for row in reader:
             cells = [DECIMAL_COMMA.sub(r"\1.\2", cell.strip()) if delimiter == ";" else cell.strip() for cell in row]
@@ -88,7 +86,7 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
         ) from None
     require(found, empty)
     (_, header), *rows = found
-    require(rows, f"{where}has a head and no row; must have a line for each mix or case")
+    require(rows, f"{where}has a header and no row; must have a line for each mix or case")
     header, width, table = [" ".join(name.split()) for name in header], len(header), []
     filled = [name or any(row[k:] and row[k] for _, row in rows) for k, name in enumerate(header)]
     names = [name or f"column {k}" for k, name in enumerate(header, 1)]
@@ -96,7 +94,7 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
     require(duplicate is None, f"{where}column '{duplicate}' stands there twice; must be once")
     for line, row in rows:
         table.append({names[k]: cell for k, cell in enumerate([*row, *[""] * width][:width]) if filled[k]})
-        wrong = f"{len(row)} cells, the head has {width}" * (len(row) != width)
+        wrong = f"{len(row)} cells, the header has {width}" * (len(row) != width)
         for name, column, cell in zip(header[1:], names[1:], row[1:], strict=False):  # the first may number the rows
             if delimiter == "," and not name and cell[:1].isdigit():
                 wrong = wrong or f"a number in {column}, which has no name"
@@ -131,9 +129,12 @@ def is_unit(text: str, fields) -> bool:
     return bool(text) and not is_name and not STANDARD.match(text)
 
 
-def quantity(column: str, fields: dict[str, str], unit_of) -> tuple[str | None, str]:
-    """Return the field of a column by ``fields``, {key_of(name): field}, None for another, and the unit that the column
-    names, else ''. SceneError for a unit of another kind than ``unit_of(field)``."""
+def match_column(column: str, fields: dict[str, str], unit_of) -> tuple[str | None, str]:
+    """Return the field of a column by ``fields``, {key_of(name): field}, else None, and the unit in its name, else ''.
+
+    A unit of another kind than ``unit_of(field)`` raises SceneError; after a name of at most three letters, which may
+    be an abbreviation of something else, it gives None and ''.
+    """
     text = unicodedata.normalize("NFKC", column)
     name, units = BRACKETS.sub(" ", text).strip(), [unit.strip() for unit in BRACKETS.findall(text)]
     found, units = fields.get(key_of(name)), [unit for unit in units if is_unit(unit, fields)]
@@ -142,12 +143,12 @@ def quantity(column: str, fields: dict[str, str], unit_of) -> tuple[str | None, 
     if not found or not units:
         return found, ""
     si_unit = unit_of(found)
-    for unit in (SPELLED.get(unit.lower(), unit) for unit in reversed(units)):
+    for unit in reversed(units):
         with suppress(ValueError):
             in_unit(si_unit, f"1 {unit}")
             return found, unit
     require(len(key_of(name)) <= 3, f"column '{column}': its unit must be {si_unit} or one of that kind")
-    return None, ""  # an abbreviation of something else: SF [kg/m3] is silica fume
+    return None, ""  # SF [kg/m3] is silica fume
 
 
 # ---- the folder of a study --------------------------------------------------------------------------------------
@@ -159,12 +160,12 @@ class Results:
         self.rows: dict[str, dict] = {}
         file.seek(0)
         content = file.read()
-        end = content.rfind(b"\n") + 1  # what stands after the last end of line was cut off by the end of a process
+        end = content.rfind(b"\n") + 1  # an incomplete last line is of a process that was killed
         file.truncate(end)
         for number, line in enumerate(content[:end].splitlines(), 1):
             try:
                 row = json.loads(line)
-                self.rows[row["key"]], _ = row, row["status"]
+                self.rows[row["key"]], _ = row, row["status"]  # KeyError without one of them
             except (ValueError, TypeError, KeyError):
                 raise SceneError(
                     f"{folder / JOURNAL}: line {number} is no row; delete it to compute its case anew"
@@ -205,7 +206,8 @@ def open_results(folder):
 
 
 def write(rows: list[dict], path) -> None:
-    """Write rows as CSV, one column for each name in any of them except curves (dict); formulas are escaped."""
+    """Write rows as CSV, a column for each name in any row; curves (dict) and ROW_ERROR are left out, formulas
+    escaped."""
     columns = list(dict.fromkeys(k for row in rows for k, cell in row.items() if k and not isinstance(cell, dict)))
     with open(path, "w", newline="", encoding="utf-8") as file:
         lines = csv.writer(file)
@@ -215,7 +217,7 @@ def write(rows: list[dict], path) -> None:
 
 def escape_formula(value):
     """Return a cell, with an apostrophe before a text that a spreadsheet would take for a formula."""
-    formula = isinstance(value, str) and value.lstrip()[:1] in set("=+-@") and isinstance(number(value), str)
+    formula = isinstance(value, str) and value.lstrip()[:1] in set("=+-@") and isinstance(parse_number(value), str)
     return f"'{value}" if formula else value
 
 
@@ -228,10 +230,10 @@ def read(path) -> list[dict]:
     require(not wrong, f"table = {path}: {wrong}")
     none = f"table = {path}: has no column status; must be a study's folder or its results.csv"
     require("status" in rows[0], none)
-    return [{name: number(cell) for name, cell in row.items()} for row in rows]
+    return [{name: parse_number(cell) for name, cell in row.items()} for row in rows]
 
 
-def number(text: str):
+def parse_number(text: str):
     """Convert a cell to float where it is a number, also with a decimal comma; None where it is empty."""
     with suppress(ValueError):
         return float(text.replace(",", "."))

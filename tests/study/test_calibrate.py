@@ -177,7 +177,7 @@ def test_a_table_that_a_spreadsheet_saved_is_the_same(tmp_path):
     assert read(path) == read(TABLES / "v_funnel.csv")
     path.write_text(text + "done,1,2\n")
     with pytest.raises(
-        mps.SceneError, match=f"line {text.count(chr(10)) + 1} has 3 cells, the head has \\d+: done,1,2"
+        mps.SceneError, match=f"line {text.count(chr(10)) + 1} has 3 cells, the header has \\d+: done,1,2"
     ):
         read(path)
 

@@ -81,7 +81,7 @@ def test_workers_find_what_one_process_finds(rows, found, broken, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--table", "{}", "--executor", "slurm://here"], "executor = slurm://here: a mix takes a tenth of a second"),
+        (["--table", "{}", "--executor", "slurm://here"], "executor = slurm://here: a mix takes 0.05 s"),
         (["--table", "{}", "--executor", "dask://here:1", "--workers", "2"], "workers = 2: are processes of this"),
         (["--table", "{}", "--workers", "0"], "workers = 0"),
         (["--slump", "20cm", "--t500-error", "1s"], "t500_error = 1 s: has no effect without t500; must be left out"),
@@ -232,8 +232,8 @@ def test_a_list_is_read_as_a_spreadsheet_writes_it(tmp_path, text):
         ("1;2\n3;4", "has no column slump, .*not used, but kept: '1', '2'"),
         ("slump\n" + 100_000 * "0.2\n", "table = .*mixes.csv: has 100001 lines; must have at most 100000"),
         ("", "is empty; must be"),
-        ("# nothing\n\n;;\n", r"has comments \(#\) alone; its head must not begin with #"),
-        ("mix,slump [cm]\n\n,\n", "has a head and no row"),
+        ("# nothing\n\n;;\n", r"has comments \(#\) alone; its header must not begin with #"),
+        ("mix,slump [cm]\n\n,\n", "has a header and no row"),
         ('mix,slump [cm]\n"7" slab",18\n', r"line 2 is no CSV \(',' expected after"),
         ('mix,slump [cm]\nB,18\n"A,18\nC,3\n', r"line 3 is no CSV \(unexpected end of data"),
         (f"mix,slump [cm]\nB,18\n{'x' * 131073},18\n", r"line 3 is no CSV \(field larger than field limit \(131072\)"),
@@ -272,8 +272,8 @@ def test_what_a_list_cannot_say_is_told_and_its_own_columns_are_kept(tmp_path, c
     assert main(["calibrate", "--table", str(path)]) == 0
     told = capsys.readouterr().err
     assert "not used, but kept: 'mix', 'SF [kg/m3]', 'verdict (given)', 'reason (given)', 'yield_val" in told
-    assert "refused: A: line 3 has 11 cells, the head has 10: A,180,320,3,5,30,,1,,,; a number with a decimal" in told
-    assert "refused: A: line 4 has 2 cells, the head has 10" in told
+    assert "refused: A: line 3 has 11 cells, the header has 10: A,180,320,3,5,30,,1,,,; a number with a decimal" in told
+    assert "refused: A: line 4 has 2 cells, the header has 10" in told
     assert "refused: #4: has no measurement, none of slump, slump flow" in told
     with open(tmp_path / "mixes-calibrated.csv", newline="", encoding="utf-8") as file:
         first, *_, last = rows = list(csv.DictReader(file))
