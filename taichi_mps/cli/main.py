@@ -185,7 +185,7 @@ def render(arguments) -> int:
     if arguments.surface:
         print("taichi-mps: --surface is what render draws by now; this option goes with 0.3", file=sys.stderr)
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
-    replays = [Trajectory(folder.trajectory).whole(arguments.scene) for folder in folders]
+    replays = [Trajectory(folder.trajectory).checked_replay(arguments.scene) for folder in folders]
     start_taichi(options)
     suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-beads" * options.beads
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
@@ -229,7 +229,7 @@ def export(arguments) -> int:
 
     folder = RunFolder(arguments.run)
     out = user_path(arguments.out or folder.path / "vtu")
-    count = vtu(Trajectory(folder.trajectory).whole(arguments.scene), out, arguments.whole, arguments.surface)
+    count = vtu(Trajectory(folder.trajectory).checked_replay(arguments.scene), out, arguments.whole, arguments.surface)
     index = out / "run.pvd"
     return tell(arguments, {"pvd": str(index), "outputs": count}, f"{count} outputs: {index}")
 

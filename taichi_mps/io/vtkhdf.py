@@ -19,12 +19,12 @@ from ..simulation.frame import Frame
 from ..units import File, SceneError, require, validated
 from . import untrusted_hdf5 as untrusted
 
-Number = Annotated[int, Field(ge=-(10**9), le=10**9)]  # of an output
+OutputNumber = Annotated[int, Field(ge=-(10**9), le=10**9)]
 BYTES_PER_PARTICLE, SPARE_BYTES = 64, 1 << 20  # room on the disk for an output: for each particle, and in addition
 HDF5_FORMAT = "v110", "v110"  # with checksums of its structure, without which damage can make HDF5 read for ever
 CHECKSUMMED = {"fletcher32": True, "chunks": True}  # options of a dataset that HDF5 checks when it is read
 PARTICLE_DATASETS = "VTKHDF/Points", "VTKHDF/PointData/"  # datasets with a row for each particle of an output
-FIELDS = {  # scalars of a Snapshot, {name: (name in the file, type in the file, type)}
+FIELDS = {  # scalars of particles, {name in a Snapshot: (name in the file, type in the file, type in a Snapshot)}
     "yielded": ("yielded", np.uint8, bool),
     "mix": ("mix", np.uint8, np.int32),
     "p": ("pressure", np.float32, np.float32),
@@ -100,8 +100,8 @@ class Trajectory:
                 root[f"{part}/NumberOfCells"] = root[f"{part}/NumberOfConnectivityIds"] = np.array([used])
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
-            known = {"size": not scene.axisymmetric and not inlets, "mix": len(scene.materials) == 1}
-            for name, rows in output(s, 0, n, [name for name in point_data(s) if not known.get(name)]).items():
+            constant = {"size": not scene.axisymmetric and not inlets, "mix": len(scene.materials) == 1}
+            for name, rows in output_rows(s, 0, n, [name for name in point_data(s) if not constant.get(name)]).items():
                 chunk, shape = min(n, 1 << 16) if name.startswith(PARTICLE_DATASETS) else 256, rows.shape[1:]
                 room = {"maxshape": (None, *shape), "chunks": (chunk, *shape)}
                 file.create_dataset(name, (0, *shape), rows.dtype, **CHECKSUMMED | room)
@@ -140,10 +140,10 @@ class Trajectory:
         return number
 
     def _extend(self, snapshots) -> int | None:
-        """Add snapshots to the twin; number of the last one, or None if it is not later than the outputs before."""
+        """Add snapshots to the twin; return the number of the last one, None if it is not later than those before."""
         self._require_room(sum(len(s.x) for s in snapshots))
         with h5py.File(self.twins[0], "r+", libver=HDF5_FORMAT) as file:
-            return [add(file, s) for s in snapshots][-1]
+            return [add_snapshot(file, s) for s in snapshots][-1]
 
     def _require_room(self, particles: int) -> None:
         """Raise an OSError if the disk has no room for an output: HDF5 would not return from closing the file."""
@@ -151,7 +151,7 @@ class Trajectory:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
 
     def _swap_with_twin(self) -> bool:
-        """Swap run.h5 and its twin; False, without a twin, if the file system has no links."""
+        """Swap run.h5 and its twin; return False if no twin is left, since the file system has no links."""
         with suppress(OSError):
             os.link(self.path, self.twins[1])
         os.replace(self.twins[0], self.path)
@@ -159,25 +159,26 @@ class Trajectory:
         return self.twins[0].exists()
 
     def close(self) -> None:
-        """Remove the second file: this run, or one that was killed, writes no more."""
+        """Remove the twins, of this run or of one that was killed; the next output makes a new one."""
         self.pending = None
         for twin in self.twins:
             twin.unlink(missing_ok=True)
 
     def cut(self, last: float, every: float) -> int:
-        """Forget the outputs after a time, to continue from there.
+        """Remove the outputs after a time, to continue from there.
 
         Parameters
         ----------
         last : float
-            Time of the last output to keep [s]; that one is forgotten, too, if an end of the run had made it.
+            Time of the last output to keep [s]; it is removed, too, if it was written at the end of a run between two
+            regular outputs.
         every : float
             Time between outputs from now on [s].
 
         Returns
         -------
         int
-            How many are left.
+            Number of outputs left.
         """
         self.close()
         self.check()
@@ -192,8 +193,8 @@ class Trajectory:
                 own.attrs["every"], steps.attrs["NSteps"] = every, k
                 for dataset in (root["Points"], *root["PointData"].values()):
                     dataset.resize(k * int(root["NumberOfPoints"][0]), axis=0)
-                of_steps = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
-                for dataset in (*of_steps, *steps["PointDataOffsets"].values()):
+                step_rows = [item for item in steps.values() if isinstance(item, h5py.Dataset)]
+                for dataset in (*step_rows, *steps["PointDataOffsets"].values()):
                     dataset.resize(k, axis=0)
             os.replace(self.twins[0], self.path)
         finally:
@@ -206,15 +207,15 @@ class Trajectory:
         Raises
         ------
         SceneError
-            If one is not.
+            If an output is not.
         """
         self.origin()
         with self._opened() as file:
             for _ in stored_outputs(file):
                 pass
 
-    def whole(self, scene_file=None):
-        """Return ``replay`` after all of the file has been read and checked.
+    def checked_replay(self, scene_file=None):
+        """Return ``replay`` after all outputs have been read and checked.
 
         Parameters
         ----------
@@ -271,7 +272,10 @@ class Trajectory:
 
     @validated
     def replay(
-        self, scene_file: File | None = None, scene: InstanceOf[Scene] | None = None, chosen: list[Number] | None = None
+        self,
+        scene_file: File | None = None,
+        scene: InstanceOf[Scene] | None = None,
+        chosen: list[OutputNumber] | None = None,
     ):
         """Read the outputs one by one.
 
@@ -280,7 +284,7 @@ class Trajectory:
         scene_file : path-like, optional
             File of a scene that is not built in, which is code that the caller must name.
         scene : Scene, optional
-            Scene, instead of making it again.
+            Scene of the run, which is otherwise made again.
         chosen : sequence of int, optional
             Numbers of the outputs to read, all by default.
 
@@ -311,22 +315,22 @@ class Trajectory:
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
             low, high = np.array(scene.domain, float)
             room = high - low  # a particle leaves the domain by less than that before the run ends
-            usual = {"size": np.full(n, scene.spacing), "mix": np.zeros(n, np.int32)}
-            for k, (instant, points, data) in enumerate(stored_outputs(file, chosen)):
-                data = usual | data
+            defaults = {"size": np.full(n, scene.spacing), "mix": np.zeros(n, np.int32)}
+            for time, points, data in stored_outputs(file, chosen):
+                data = defaults | data
                 if points.shape != (n, 3) or any(
                     values.shape != ((n, 3) if name == "velocity" else (n,)) for name, values in data.items()
                 ):
-                    raise ValueError(f"output {k} is not whole")
+                    raise ValueError(f"the output at {time:g} s is incomplete")
                 x, sizes = points[:, axes].astype(float), data["size"] / scene.spacing
-                thin = (sizes == 0.0) | ((sizes > 0.01) & (sizes < 100.0))  # rings moved far outward are
-                known = sizes.any() and np.all(thin) and np.all(np.isin(data["mix"], range(len(scene.materials))))
-                if not known or not np.all((x > low - room) & (x < high + room)):
-                    raise ValueError(f"output {k} is not one of this scene")
-                there = sizes > 0.0
-                fields = {key: data[name][there].astype(kind) for key, (name, _, kind) in FIELDS.items()}
-                u = data["velocity"][there][:, axes]
-                yield Frame(scene, Snapshot(instant, scene.spacing, x[there], u, wall_x=wall, **fields))
+                plausible = (sizes == 0.0) | ((sizes > 0.01) & (sizes < 100.0))  # a ring moved far outward is thin
+                fits = sizes.any() and np.all(plausible) and np.all(np.isin(data["mix"], range(len(scene.materials))))
+                if not fits or not np.all((x > low - room) & (x < high + room)):
+                    raise ValueError(f"the output at {time:g} s is not one of this scene")
+                present = sizes > 0.0
+                fields = {key: data[name][present].astype(kind) for key, (name, _, kind) in FIELDS.items()}
+                u = data["velocity"][present][:, axes]
+                yield Frame(scene, Snapshot(time, scene.spacing, x[present], u, wall_x=wall, **fields))
 
 
 def output_times(file) -> np.ndarray:
@@ -380,7 +384,7 @@ def stored_outputs(file, chosen=None):
 
 
 def is_output_time(time, every: float):
-    """Tell whether times are multiples of the interval of the outputs.
+    """Return whether times are multiples of the interval of the outputs.
 
     Parameters
     ----------
@@ -397,7 +401,7 @@ def is_output_time(time, every: float):
     return np.abs(time / every - np.round(time / every)) < 1e-6
 
 
-def add(file, s: Snapshot) -> int | None:
+def add_snapshot(file, s: Snapshot) -> int | None:
     """Add a snapshot to an open file.
 
     Parameters
@@ -419,7 +423,7 @@ def add(file, s: Snapshot) -> int | None:
         return None
     if len(s.x) < n:
         s = with_waiting_particles(s, n, own["mouth"][()])
-    for name, rows in output(s, k, n, root["PointData"]).items():
+    for name, rows in output_rows(s, k, n, root["PointData"]).items():
         first = k * n if name.startswith(PARTICLE_DATASETS) else k
         file[name].resize(first + len(rows), axis=0)
         file[name][first:] = rows
@@ -427,8 +431,8 @@ def add(file, s: Snapshot) -> int | None:
     return k
 
 
-def output(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
-    """Return what an output adds to a file.
+def output_rows(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
+    """Return the rows that an output adds to the datasets of a file.
 
     Parameters
     ----------
@@ -444,9 +448,9 @@ def output(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
     Returns
     -------
     dict of str to ndarray
-        Rows by dataset: n rows of particles, one row of outputs.
+        Rows by name of the dataset: n of a dataset of particles, one of a dataset of steps.
     """
-    points, data = single(s.x), {name: rows for name, rows in point_data(s).items() if name in fields}
+    points, data = embed_single(s.x), {name: rows for name, rows in point_data(s).items() if name in fields}
     first = dict.fromkeys(["PointOffsets", *(f"PointDataOffsets/{name}" for name in data)], np.array([k * n]))
     steps = first | {"Values": np.array([s.time], float), "NumberOfParts": np.array([1]), "PartOffsets": np.array([0])}
     steps |= dict.fromkeys(("CellOffsets", "ConnectivityIdOffsets"), np.zeros((1, len(CELL_KINDS)), int))
@@ -458,7 +462,7 @@ def output(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
 
 
 def with_waiting_particles(s: Snapshot, n: int, mouth) -> Snapshot:
-    """Complete a snapshot by the particles that an inlet has yet to add.
+    """Add to a snapshot the particles that an inlet has yet to add, with no size.
 
     Parameters
     ----------
@@ -467,7 +471,7 @@ def with_waiting_particles(s: Snapshot, n: int, mouth) -> Snapshot:
     n : int
         Number of particles of the whole run.
     mouth : ndarray, shape (d,)
-        Where they wait, with no size [m].
+        Mouth of the inlet, where they wait [m].
 
     Returns
     -------
@@ -480,7 +484,7 @@ def with_waiting_particles(s: Snapshot, n: int, mouth) -> Snapshot:
     return replace(s, **{name: np.concatenate([values, more[name]]) for name, values in rows.items()})
 
 
-def single(x):
+def embed_single(x):
     """Embed vectors in three dimensions, in single precision.
 
     Parameters
@@ -509,6 +513,6 @@ def point_data(s: Snapshot) -> dict[str, np.ndarray]:
     dict of str to ndarray
         velocity [m/s], pressure [Pa], shear_rate [1/s], yielded (0 or 1), density_ratio [-], size [m] and mix.
     """
-    return {"velocity": single(s.u)} | {
+    return {"velocity": embed_single(s.u)} | {
         name: np.asarray(getattr(s, key), kind) for key, (name, kind, _) in FIELDS.items()
     }

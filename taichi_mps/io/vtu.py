@@ -8,7 +8,7 @@ import numpy as np
 
 from ..units import Flag, Place, SceneError, quote, require, validated, writing
 from ..viz.body import smooth_surface
-from .vtkhdf import point_data, single
+from .vtkhdf import embed_single, point_data
 
 OUTPUT_NAME = re.compile(r"output_\d{5,}\.vtu|run\.pvd")  # files that ``vtu`` writes
 
@@ -20,7 +20,7 @@ def vtu(outputs: Iterable, folder: Place, whole: Flag = False, smooth: Flag = Fa
     Parameters
     ----------
     outputs : iterable of Frame
-        Outputs, as ``Trajectory.whole`` gives them.
+        Outputs, as ``Trajectory.checked_replay`` gives them.
     folder : path-like
         New or empty folder.
     whole : bool, optional
@@ -64,7 +64,7 @@ def vtu(outputs: Iterable, folder: Place, whole: Flag = False, smooth: Flag = Fa
         with writing("out", folder, " folder"):
             folder.mkdir(parents=True, exist_ok=True)
         name = f"output_{number:05d}.vtu"
-        mesh = meshio.Mesh(single(s.x), cells, point_data=point_data(s))
+        mesh = meshio.Mesh(embed_single(s.x), cells, point_data=point_data(s))
         meshio.write(folder / name, mesh, file_format="vtu")
         lines.append(f'    <DataSet timestep="{s.time!r}" part="0" file="{name}"/>')
     require(lines, "outputs: are none; must be those of Trajectory.replay")

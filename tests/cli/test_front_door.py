@@ -332,7 +332,7 @@ def test_an_edited_run_h5_is_shown_or_refused_and_nothing_is_made_of_a_part(run,
         code = knock([command, str(run.path)])
         assert code in ("admitted", 0, 2) and made.exists() == (code == 0)
         shutil.rmtree(made, ignore_errors=True)
-        outputs = list(Trajectory(path).whole()) if code == "admitted" else []
+        outputs = list(Trajectory(path).checked_replay()) if code == "admitted" else []
         assert len(list(film.align_in_time(iter(outputs)))) == len(outputs)
         for output in outputs:  # what is drawn once Taichi has started
             assert "slump_m" in output.measures() and output.scene.unfold(output.snapshot()).u.shape[1] == 3

@@ -113,7 +113,7 @@ def test_a_replay_gives_snapshots_and_measures_back(tmp_path, model):
     trajectory = Trajectory(tmp_path / "run.h5")
     trajectory.create(sim, "slump", 0.01)
     with pytest.raises(mps.SceneError, match="run.h5 holds no output yet"):
-        trajectory.whole()
+        trajectory.checked_replay()
     sim.time = 0.1
     now = replace(sim.snapshot(), size=sizes)
     trajectory.append(now)

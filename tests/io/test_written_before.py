@@ -46,7 +46,7 @@ def test_a_checkpoint_goes_on_as_it_would_have_gone_on_there(folder):
 def test_every_file_is_read(folder):
     folder.verify()
     summary, history = folder.read_summary(), read_history(folder.history)
-    *_, last = Trajectory(folder.trajectory).whole()
+    *_, last = Trajectory(folder.trajectory).checked_replay()
     for name, old in OLD_NAMES.items():
         np.testing.assert_array_equal(history[name], history[old])
     assert last.time == history["time_s"][-1] == summary["simulated_seconds"] == 0.05
