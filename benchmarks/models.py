@@ -122,10 +122,10 @@ def reach_error(row: dict) -> float:
 
 def measured(results: list[dict]) -> list:
     """Rows for the file of the package: errors over the height, by model, spacing and mix."""
-    from taichi_mps.problem.accuracy import HEIGHT, Measured, Mix
+    from taichi_mps.problem.accuracy import HEIGHT, Mix, ModelErrors
 
     return [
-        Measured(
+        ModelErrors(
             row["model"],
             round(row["spacing"] / HEIGHT, 9),
             *(round(number, 9) for number in Mix.of(result["yield_value"], result["plastic_viscosity"])),
@@ -143,14 +143,14 @@ def measured(results: list[dict]) -> list:
 
 def write(rows: list) -> None:
     """Write the file that the package reads, errors and costs shortened to three digits."""
-    from taichi_mps.problem.accuracy import MEASURED, Measured
+    from taichi_mps.problem.accuracy import MEASURED, ModelErrors
 
     lines = [
         "# Errors of the slump cone beside finite elements with inertia, over its height; spread: of half of it.",
         "# Written by `python benchmarks/models.py draw`; yield_number tau_y/(rho g H), viscosity_number",
         "# eta/(rho sqrt(g H^3)), slump and volume: the largest at any time, CPU-s: of one thread, to rest. Means of",
         "# five runs, whose particles start 1e-6 spacings aside, and the standard deviations of one.",
-        ",".join(Measured._fields),
+        ",".join(ModelErrors._fields),
         *(",".join([*map(str, row[:4]), *(f"{number:.3g}" for number in row[4:])]) for row in rows),
     ]
     MEASURED.write_text("\n".join(lines) + "\n", encoding="utf-8")

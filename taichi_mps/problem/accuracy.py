@@ -53,7 +53,7 @@ class Mix(NamedTuple):
 REFERENCE_MIX = Mix.of(1000.0, 50.0)  # the stiffest mix that is meant where none is given
 
 
-class Measured(NamedTuple):
+class ModelErrors(NamedTuple):
     """Errors of a model and a spacing for a mix, measured (a row of the file) or interpolated."""
 
     model: str
@@ -78,7 +78,7 @@ class Measured(NamedTuple):
         """Larger of the errors of slump and reach, over H."""
         return max(self.slump, self.reach)
 
-    def of_one_run(self) -> "Measured":
+    def of_one_run(self) -> "ModelErrors":
         """Errors of one run: those of the mean of five, and the scatter of runs."""
         slump, reach = (
             error + SCATTER_FACTOR * scatter
@@ -87,10 +87,10 @@ class Measured(NamedTuple):
         return self._replace(slump=slump, reach=reach)
 
 
-def measured() -> list[Measured]:
+def measured() -> list[ModelErrors]:
     """Every row of the file of measured errors."""
     lines = [line for line in MEASURED.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
-    return [Measured(model, *map(float, numbers)) for model, *numbers in csv.reader(lines[1:])]
+    return [ModelErrors(model, *map(float, numbers)) for model, *numbers in csv.reader(lines[1:])]
 
 
 # ---- interpolation ---------------------------------------------------------------------------------------------
@@ -99,12 +99,12 @@ def log_coordinates(mix) -> tuple[float, float]:
     return math.log(max(mix.yield_number, 1e-30)), math.log(max(mix.viscosity_number, 1e-30))
 
 
-def weighted_mean(rows, weights) -> Measured:
+def weighted_mean(rows, weights) -> ModelErrors:
     """Weighted mean of all numbers of rows of one model."""
-    return Measured(rows[0].model, *np.dot(weights, [row[1:] for row in rows]).tolist())
+    return ModelErrors(rows[0].model, *np.dot(weights, [row[1:] for row in rows]).tolist())
 
 
-def interpolate_in_mixes(rows: list[Measured], mix: Mix) -> Measured | None:
+def interpolate_in_mixes(rows: list[ModelErrors], mix: Mix) -> ModelErrors | None:
     """Interpolate errors for a mix from rows of one model and spacing, linearly in the smallest triangle of measured
     mixes around it; None where no triangle surrounds it."""
 
@@ -120,7 +120,7 @@ def interpolate_in_mixes(rows: list[Measured], mix: Mix) -> Measured | None:
     return None
 
 
-def expected(model: str, spacing: float, mix: Mix, rows: list[Measured] | None = None) -> Measured | None:
+def expected(model: str, spacing: float, mix: Mix, rows: list[ModelErrors] | None = None) -> ModelErrors | None:
     """Expected errors of a model, a spacing over H and a mix, with the scatter of runs added: interpolated between the
     two nearest measured spacings, linear in the logarithm. None outside of the measured range."""
     rows = sorted(row for row in (measured() if rows is None else rows) if row.model == model)
@@ -143,7 +143,7 @@ def nearest(mix: Mix) -> Mix:
     )
 
 
-def errors_of_run(summary: dict) -> tuple[Mix, float, Measured | None] | None:
+def errors_of_run(summary: dict) -> tuple[Mix, float, ModelErrors | None] | None:
     """Mix and height [m] of a run, from its summary, and its expected errors, None where no such mix was measured.
     None instead of all three if the run is of another kind than those measured: the scheme implicit, a cone of standard
     shape at any scale whose mould is gone at once, or lifted off the whole or rings, one Bingham mix."""
@@ -165,7 +165,7 @@ def errors_of_run(summary: dict) -> tuple[Mix, float, Measured | None] | None:
     return (mix, height, error) if error else None
 
 
-def errors_of_lifted(error: Measured, speed: float) -> Measured | None:
+def errors_of_lifted(error: ModelErrors, speed: float) -> ModelErrors | None:
     """Expected errors with a mould lifted at a ``speed`` [m/s], at the scale of the standard cone, from the errors with
     a mould that is gone at once; None outside of the measured range."""
     soft, stiff = (Mix.of(*mix) for mix in LIFTED_MIXES)
@@ -213,7 +213,7 @@ def choices(mix: Mix | None = None, height: float = HEIGHT, lift_speed: float | 
     return sorted(promised, key=lambda choice: choice.cpu_seconds)
 
 
-def errors_for_mix(rows: list[Measured], mix: Mix | None) -> tuple[Measured | None, str]:
+def errors_for_mix(rows: list[ModelErrors], mix: Mix | None) -> tuple[ModelErrors | None, str]:
     """Errors and cost for a mix from rows of one model and spacing, and as text the mixes for which they were measured:
     interpolated, or of the nearest mix if none surround it; without a mix, the largest errors and the mean cost of all
     mixes of 50 Pa s."""

@@ -8,11 +8,11 @@ import numpy as np
 from pydantic import InstanceOf
 
 from ..geometry.shapes import MAX_POINTS, Surface
-from ..units import Flag, Size, Time, array, array_of, points, quote, real, require, validated, vector
+from ..units import Flag, SceneError, Size, Time, array, array_of, points, quote, real, require, validated, vector
 from .loads import Load
 
-# Radius over size of the rings that get a particle on the axis: particles of smaller ones cover the axis, and in larger
-# ones another ring fits
+# Bounds of radius over size of the rings that get a particle on the axis: particles of smaller rings cover the axis,
+# and inside larger ones another ring fits
 AXIS_PARTICLE = (0.75, 1.0)
 
 HorizontalPoint, HorizontalPoints = array("m", (1,), (2,)), array("m", (None, 1), (None, 2))
@@ -50,7 +50,7 @@ class Snapshot:
     mix : ndarray of int, shape (n,), optional
         Number of the mix, 0 by default.
     loads : dict of str to Load, optional
-        Force and torque on the walls by name, where they are asked for.
+        Forces and torques on the walls by name, where the scene computes them.
 
     Examples
     --------
@@ -76,8 +76,8 @@ class Snapshot:
     def __post_init__(self):
         for name in ("u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix"):
             value = getattr(self, name)
-            rows = value is None or np.shape(value)[:1] == np.shape(self.x)[:1]
-            require(rows, f"{name} of shape {np.shape(value)}: must have {len(self.x)} rows, as x has")
+            fits = value is None or np.shape(value)[:1] == np.shape(self.x)[:1]
+            require(fits, f"{name} of shape {np.shape(value)}: must have {len(self.x)} rows, as x has")
         if self.size is None:
             object.__setattr__(self, "size", np.full(len(self.x), self.spacing))
         if self.mix is None:
@@ -89,10 +89,11 @@ class Snapshot:
         return np.linalg.norm(self.u, axis=1)
 
 
-class Measured:
-    """Function of a scene that measures, guarded so that its mistakes do not cost the run.
+class GuardedMeasure:
+    """Measuring function of a scene, guarded so that its errors do not end the run.
 
-    A result that is no number is left out; where the function raises, all are. A warning says so the first time.
+    A result that is no number is left out; where the function raises, all results are. The first time, a warning says
+    so.
 
     Parameters
     ----------
@@ -103,8 +104,8 @@ class Measured:
 
     Examples
     --------
-    >>> from taichi_mps.problem.measures import Measured
-    >>> Measured("measure", lambda snapshot: {"width_m": 0.25})(None)
+    >>> from taichi_mps.problem.measures import GuardedMeasure
+    >>> GuardedMeasure("measure", lambda snapshot: {"width_m": 0.25})(None)
     {'width_m': 0.25}
     """
 
@@ -133,9 +134,9 @@ class Measured:
             return {}
         numbers = {}
         for name, value in found.items():
-            array = array_of(value)
-            if array.shape == () and array.dtype.kind == "f":
-                numbers[name] = float(array)
+            result = array_of(value)
+            if result.shape == () and result.dtype.kind == "f":
+                numbers[name] = float(result)
             else:
                 self._warn_once(name, f"{name} = {quote(value, '')} is no number")
         return numbers
@@ -160,8 +161,8 @@ def revolved(s: InstanceOf[Snapshot]) -> Snapshot:
     Returns
     -------
     Snapshot
-        Particles in three dimensions, a size apart around the z axis; each ring turned by the golden angle against the
-        one before. A ring whose hole fits no other has a particle on the axis, too.
+        Particles in three dimensions, one size apart around the z axis; each ring is turned by the golden angle against
+        the one before. A ring with room for one particle inside, but not for another ring, also has one on the axis.
 
     Examples
     --------
@@ -260,8 +261,8 @@ def reflected(vectors: points(""), normal: vector(""), point: vector("m") | None
     [[-0.25, 0.5]]
     """
     for key, value in {"normal": normal, "point": point}.items():
-        as_many = value is None or len(value) == vectors.shape[1]
-        require(as_many, f"{key} = {value}: must have {vectors.shape[1]} numbers, as vectors have")
+        fits = value is None or len(value) == vectors.shape[1]
+        require(fits, f"{key} = {value}: must have {vectors.shape[1]} numbers, as vectors have")
     return vectors - 2.0 * np.outer((vectors - (0.0 if point is None else point)) @ normal, normal)
 
 
@@ -281,7 +282,7 @@ def mirrored(s: InstanceOf[Snapshot], point: vector("m"), normal: vector("")) ->
     Returns
     -------
     Snapshot
-        The particles and, after them and in the same order, their images; scalars are those of the particle itself.
+        The particles and, after them and in the same order, their images, with the scalars of the particles.
 
     Examples
     --------
@@ -298,14 +299,14 @@ def mirrored(s: InstanceOf[Snapshot], point: vector("m"), normal: vector("")) ->
 
 
 def require_axes(s: Snapshot, vertical=0, **places):
-    """Refuse places whose number of coordinates does not fit the particles, without or with the vertical coordinate.
+    """Raise SceneError for places whose number of coordinates does not fit the particles.
 
     Parameters
     ----------
     s : Snapshot
         Fluid.
     vertical : int, optional
-        Whether places have the vertical coordinate, too: 1 or 0.
+        1 if places have the vertical coordinate, 0 if they are horizontal.
     **places
         Places by their names [m].
 
@@ -321,13 +322,14 @@ def require_axes(s: Snapshot, vertical=0, **places):
     """
     d = s.x.shape[1]
     for key, place in places.items():
-        if np.shape(place)[-1] != d - 1 + vertical:  # the text below is slow, so it is made only here
-            wrong = f"must have {d - 1 + vertical} coordinates, for particles that have {d}"
-            require(False, f"{key} = {quote(place, 'm')}: {wrong}")
+        if np.shape(place)[-1] != d - 1 + vertical:
+            raise SceneError(
+                f"{key} = {quote(place, 'm')}: must have {d - 1 + vertical} coordinates, for particles that have {d}"
+            )
 
 
 def require_heap(s: Snapshot):
-    """Refuse a snapshot that is not a body in three dimensions.
+    """Raise SceneError for a snapshot that is not a body in three dimensions.
 
     Parameters
     ----------
@@ -418,8 +420,8 @@ def over(s: InstanceOf[Snapshot], low: HorizontalPoint, high: HorizontalPoint) -
     require_axes(s, low=low, high=high)
     with np.errstate(over="ignore"):
         places = float(np.prod(np.maximum(1.0, np.subtract(high, low) / (0.4 * s.spacing))))
-    above = f"from low = {low} to high = {high} m: must be above each other and hold at most {MAX_POINTS:.2g} places"
-    require(np.all(np.less_equal(low, high)) and places <= MAX_POINTS, above)
+    allowed = f"from low = {low} to high = {high} m: must be above each other and hold at most {MAX_POINTS:.2g} places"
+    require(np.all(np.less_equal(low, high)) and places <= MAX_POINTS, allowed)
     ticks = [np.arange(a, b + 1e-12, 0.4 * s.spacing) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*ticks), -1).reshape(-1, len(ticks))
     return points, surface(s, points)
@@ -439,7 +441,7 @@ def top_height(s: InstanceOf[Snapshot], radius: Size) -> float:
     Returns
     -------
     float
-        Height [m], nan if there is nothing.
+        Height [m], nan without particles there.
 
     Examples
     --------
@@ -456,19 +458,19 @@ def top_height(s: InstanceOf[Snapshot], radius: Size) -> float:
 
 @validated
 def level(s: InstanceOf[Snapshot], low: HorizontalPoint, high: HorizontalPoint) -> float:
-    """Return the mean height of the surface, as one reads a level.
+    """Return the mean height of the surface between two horizontal places, 0 where there is no fluid.
 
     Parameters
     ----------
     s : Snapshot
         Fluid.
     low, high : array_like, shape (d - 1,)
-        Horizontal places between which it is read [m].
+        Lowest and highest place [m].
 
     Returns
     -------
     float
-        Mean height [m]; 0 where there is nothing.
+        Mean height [m].
 
     Examples
     --------
@@ -482,20 +484,20 @@ def level(s: InstanceOf[Snapshot], low: HorizontalPoint, high: HorizontalPoint) 
 
 @validated
 def standing_level(s: InstanceOf[Snapshot], low: HorizontalPoint, high: HorizontalPoint) -> float:
-    """Return the level of the fluid that stands on the floor without a gap.
+    """Return the level of the fluid that stands on the floor z = 0 without a gap.
 
     Parameters
     ----------
     s : Snapshot
         Fluid.
     low, high : array_like, shape (d - 1,)
-        Horizontal places between which it is read [m].
+        Lowest and highest place [m].
 
     Returns
     -------
     float
-        Mean height [m], as a ruler set on the floor reads it: drops that fly or hang on a wall more than half a spacing
-        clear above it do not count.
+        Mean height [m], as read with a ruler that stands on the floor. Drops that fly or hang on a wall, with a gap of
+        more than half a spacing below them, do not count.
 
     Examples
     --------
@@ -531,9 +533,10 @@ def spread(s: InstanceOf[Snapshot]) -> float:
 
     Notes
     -----
-    A layer one particle thick has, in a sector one particle wide, one particle to each spacing of depth, so the
-    outermost one lies half a spacing inside of the edge, in the mean. In thicker layers and wider sectors it is the one
-    that stands out most, by up to 0.7 l0 of the diameter. A rim thinner than a particle is read too short.
+    In a layer one particle thick and a sector one particle wide, each spacing of depth holds one particle, so the
+    outermost one lies half a spacing inside the edge on average. In thicker layers and wider sectors the outermost
+    particle is the one that stands out most, which makes the diameter up to 0.7 l0 too large. A rim thinner than a
+    particle is read too short.
 
     Examples
     --------
@@ -544,12 +547,12 @@ def spread(s: InstanceOf[Snapshot]) -> float:
     """
     require_heap(s)
     r, angle = np.hypot(s.x[:, 0], s.x[:, 1]), np.arctan2(s.x[:, 1], s.x[:, 0])
-    radius = np.quantile(r, 0.99)  # not the largest, which may be that of a stray particle
+    radius = np.quantile(r, 0.99)  # not the largest, which may belong to a stray particle
     size = float(np.median(s.size[r > radius - s.spacing]))
     sectors = max(4, int(2 * np.pi * radius / size))
-    # neither sectors nor layers end where lattices and mirror planes have particles, so rounding moves none across
+    # no sector or layer ends where lattices and mirror planes have particles, so that rounding moves none across
     sector = np.floor((angle / (2 * np.pi) + 0.5) * sectors + 0.37).astype(int) % sectors
-    quarter = ((s.x[:, 2] - s.x[:, 2].min()) / (0.25 * size) + 2.28).astype(int)  # of a layer
+    quarter = ((s.x[:, 2] - s.x[:, 2].min()) / (0.25 * size) + 2.28).astype(int)  # number of the quarter of a layer
     reach = np.zeros((quarter.max() + 4) * sectors)
     np.maximum.at(reach, quarter * sectors + sector, r + 0.5 * s.size)
     reach = reach.reshape(-1, sectors)
@@ -606,9 +609,9 @@ def front(s: InstanceOf[Snapshot]) -> dict[str, float]:
 
     Notes
     -----
-    The front is the end of the rectangle that has the mean and the variance of the four foremost particles of each row
-    across the flow: exact of an upright front and of a layer, and hardly moved by a single one. Particles with no other
-    within 2 l0 are drops, not the body.
+    The front is the end of the uniform distribution that has the mean and the variance of x of the foremost particles,
+    four for each row along the flow. It is exact for an upright front and for a layer, and a single particle hardly
+    moves it. Particles with no other within 2 l0 are drops, not the body.
 
     Examples
     --------
@@ -641,7 +644,7 @@ def depth(
     where : ndarray of bool, shape (n,)
         Which particles count.
     area : float
-        Area of that part [m2], in two dimensions its length [m].
+        Area of that part of the floor [m2], in two dimensions its length [m].
 
     Returns
     -------
@@ -670,9 +673,9 @@ def by_height(s: InstanceOf[Snapshot], values: Values, edges: array("m", (None,)
     s : Snapshot
         Fluid.
     values : ndarray, shape (n,)
-        Quantity of each particle, spread evenly over its size.
+        Quantity of each particle, which is spread evenly over its height.
     edges : ndarray, shape (k + 1,)
-        Heights between the layers [m].
+        Heights of the lower and upper ends of the layers [m], ascending.
 
     Returns
     -------
@@ -687,8 +690,8 @@ def by_height(s: InstanceOf[Snapshot], values: Values, edges: array("m", (None,)
     [1.5, 0.5]
     """
     require(len(values) == len(s.x), f"values of shape {values.shape}: must have one number a particle, {len(s.x)}")
-    above = len(edges) >= 2 and np.all(np.diff(edges) > 0.0)
-    require(above, f"edges = {quote(edges, 'm')}: must be two or more, each above the one before")
+    ascending = len(edges) >= 2 and np.all(np.diff(edges) > 0.0)
+    require(ascending, f"edges = {quote(edges, 'm')}: must be two or more, each above the one before")
     low, high = s.x[:, -1, None] - 0.5 * s.size[:, None], s.x[:, -1, None] + 0.5 * s.size[:, None]
     shared = np.maximum(0.0, np.minimum(high, edges[1:]) - np.maximum(low, edges[:-1]))
     return values @ (shared / s.size[:, None])
@@ -696,7 +699,7 @@ def by_height(s: InstanceOf[Snapshot], values: Values, edges: array("m", (None,)
 
 @validated
 def clearance(s: InstanceOf[Snapshot], walls: Sequence[InstanceOf[Surface]]) -> float:
-    """Return the distance of the particle nearest to any wall.
+    """Return the least distance of a particle from the walls.
 
     Parameters
     ----------

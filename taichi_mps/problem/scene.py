@@ -16,7 +16,7 @@ from ..units import Duration, Size, array, instance, points, validated, vector
 from .inlet import MIN_GAP, Inlet, buried
 from .jolt import Jolt
 from .materials import AnyMaterial
-from .measures import Measured, Snapshot, mirrored, revolved
+from .measures import GuardedMeasure, Snapshot, mirrored, revolved
 from .scene_rules import RULES, complete_fields
 
 SceneText, SceneFunction = instance(str, "text"), instance(Callable, "a function")
@@ -139,8 +139,8 @@ class Scene:
         taken["inlets"] = tuple(inlet.within(taken["until"]) for inlet in self.inlets)
         for key in ("measure", "over_time"):
             function = getattr(self, key)
-            if function is not None and not isinstance(function, Measured):
-                taken[key] = Measured(key, function)
+            if function is not None and not isinstance(function, GuardedMeasure):
+                taken[key] = GuardedMeasure(key, function)
         for key, value in taken.items():
             object.__setattr__(self, key, value)
         for rule in RULES:

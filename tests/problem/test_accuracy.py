@@ -9,18 +9,18 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import accuracy, catalogue
-from taichi_mps.problem.accuracy import Measured, Mix, choices, choose, expected, measured
+from taichi_mps.problem.accuracy import Mix, ModelErrors, choices, choose, expected, measured
 from taichi_mps.units import SceneError
 
 MIX = Mix.of(500.0, 50.0)
 SPEEDS = "0.3 m/s", "0.15 m/s", "0.06 m/s"
 
 
-def linear(spacing: float, mix: Mix) -> Measured:
+def linear(spacing: float, mix: Mix) -> ModelErrors:
     """A measurement whose errors are linear in the logarithms of the mix and of the spacing."""
     x, y = math.log(mix.yield_number), math.log(mix.viscosity_number)
     error = 1.0 + 0.1 * x - 0.05 * y + 0.2 * math.log(spacing)
-    return Measured("quarter", spacing, *mix, *(k * error for k in range(1, 7)))
+    return ModelErrors("quarter", spacing, *mix, *(k * error for k in range(1, 7)))
 
 
 CORNERS = [Mix(0.01, 0.01), Mix(0.2, 0.02), Mix(0.05, 0.5), Mix(0.03, 0.05)]
