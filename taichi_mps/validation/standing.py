@@ -1,8 +1,8 @@
 """Bodies at the limit between standing and flowing: the critical yield stress of a column, and arrested slumps.
 
-A body that fell into its shape stands also below its own yield stress, since inertia carried it farther than its weight
-would. Finite elements without inertia give the limit, STATIC_LIMITS. So it must stand at its yield stress and at 1.05
-of the limit, and flow at 0.95 of it.
+A slumped body would also stand with a somewhat lower yield stress, since inertia carried it farther than its weight
+alone would. Finite elements without inertia give the lowest yield stress, STATIC_LIMITS. So the body must stand with
+its own yield stress and with 1.05 of the limit, and flow with 0.95 of it.
 """
 
 from dataclasses import dataclass, replace
@@ -15,17 +15,20 @@ from . import Measured, columns, run
 from .slumps import DENSITY, GRAVITY, final_shape
 
 SPACING = 0.01  # of arrested slumps [m]
-HEIGHT, CREEP = 0.3, 1e-3  # m; m/s: a column whose top sinks slower after 0.3 s stands (2.5e-5 rho g H^2/eta)
+# Height of columns and of the mould [m]; a column stands whose top sinks slower after 0.3 s [m/s], 2.5e-5 rho g H^2/eta
+HEIGHT, STANDING_SPEED = 0.3, 1e-3
 
-# Yield stress, over that of a body that arrested with inertia, of the bodies that come to rest without inertia with its
-# slump, and with its spread, in the mean (they differ by 3 %): A_fe_slump_abrams_final.csv, the finest of each, as a
-# polynomial of third degree in log tau_y, at the arrested values of A_fe_inertial_slump_summary.csv. By tau_y [Pa].
+# {tau_y [Pa] of a body that arrested with inertia: limit over tau_y}. The limit is the mean of the yield stresses with
+# which bodies without inertia come to its slump and to its slump flow (they differ by 3 %). With inertia: the arrested
+# values of A_fe_inertial_slump_summary.csv; without: the finest runs of A_fe_slump_abrams_final.csv, as a polynomial of
+# third degree in log tau_y.
 STATIC_LIMITS = {300.0: 0.9836680671798499, 500.0: 0.8760153726353327, 1000.0: 0.8432992842655787}
 
 
 # ---- columns ---------------------------------------------------------------------------------------------------
 def top_speed(solid, across, b) -> float:
-    """Downward speed [m/s] of the top within H/10 of the axis 0.3 s after release; b = tau_y/(rho g H), 50 Pa s."""
+    """Downward speed [m/s] of the top within H/10 of the axis 0.3 s after release, for b = tau_y/(rho g H) and 50 Pa s;
+    ``across``: particles over the height."""
     spacing = HEIGHT / across
     x = mps.fill(solid, spacing)
     d = x.shape[1]
@@ -42,7 +45,7 @@ def top_speed(solid, across, b) -> float:
 
 
 def threshold(reference, solid, across):
-    """Critical b by four bisections of +-15 % about the middle of the reference's bracket (so to 1 %)."""
+    """Critical tau_y/(rho g H) to 1 %, by four bisections of +-15 % about the middle of the reference's bracket."""
     known = columns("B_fe_initial_velocity_threshold.csv", case=reference)
     moving = known["v_max"] > 1e-6
     flows, stands = float(known["B"][moving].max()), float(known["B"][~moving].min())
@@ -50,7 +53,7 @@ def threshold(reference, solid, across):
     low, high = 0.85 * middle, 1.15 * middle
     for _ in range(4):
         b = 0.5 * (low + high)
-        low, high = (b, high) if top_speed(solid, across, b) > CREEP else (low, b)
+        low, high = (b, high) if top_speed(solid, across, b) > STANDING_SPEED else (low, b)
     found = 0.5 * (low + high)
     what = f"critical tau_y/(rho g H) {found:.3f} from the middle of {flows:g} to {stands:g}, relative"
     outside = max(0.0, flows - found, found - stands) / middle
@@ -63,7 +66,7 @@ def threshold(reference, solid, across):
 # ---- arrested slumps -------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Revolved:
-    """The body of revolution under a curve (r, z) [m] that ends on the axis, on the floor z = 0."""
+    """Body of revolution between the floor z = 0 and a curve (r, z) [m] from the floor to the axis."""
 
     curve: np.ndarray
     volume: float  # [m3]
@@ -74,7 +77,7 @@ class Revolved:
         return np.array([-r, -r, 0.0]), np.array([r, r, z])
 
     def contains(self, x):
-        """Inside where a ray to large r crosses the curve an odd number of times."""
+        """Whether positions are inside: a ray to large r crosses the curve an odd number of times."""
         r, z = np.hypot(x[:, 0], x[:, 1])[:, None], x[:, 2][:, None]
         (r0, z0), (r1, z1) = self.curve[:-1].T, self.curve[1:].T
         between = (z0 <= z) != (z1 <= z)
@@ -83,21 +86,21 @@ class Revolved:
 
 
 def jittered(body, size: float) -> np.ndarray:
-    """A lattice in the body, each coordinate moved by up to ``size`` l0, at random (seed 1)."""
+    """Lattice in the body with each coordinate moved at random by up to ``size`` l0 (seed 1)."""
     lattice = mps.fill(body, SPACING)
     return lattice + size * SPACING * np.random.default_rng(1).uniform(-1.0, 1.0, lattice.shape)
 
 
 def relaxed(body) -> np.ndarray:
-    """Disordered particles in the body at even distances, as in a liquid: from random places they are shifted apart 200
-    times, in a column of 8 x 8 l0 with floor and lid and periodic sides, whose copies fill the body."""
+    """Disordered particles in the body at even distances, as in a liquid. They start at random positions in a column of
+    8 x 8 l0 with floor, lid and periodic sides, and are shifted apart 200 times; copies of the column fill the body."""
     wide, passes = 8, 200
     high = int(np.ceil(body.bounds[1][2] / SPACING)) + 2
     x = np.random.default_rng(1).uniform(0.0, 1.0, (wide * wide * high, 3)) * (wide, wide, high)
     sides = np.array([(a, b, 0.0) for a in (-wide, 0, wide) for b in (-wide, 0, wide)])
     moves = np.zeros_like(x)
     for _ in range(passes):
-        levels = np.concatenate([x, x * (1, 1, -1), x * (1, 1, -1) + (0, 0, 2 * high)])  # and mirrored at both ends
+        levels = np.concatenate([x, x * (1, 1, -1), x * (1, 1, -1) + (0, 0, 2 * high)])  # with images below and above
         around = (levels + sides[:, None]).reshape(-1, 3)
         around = around[np.all((around > -1.5) & (around < np.add((wide, wide, high), 1.5)), axis=1)]
         for some in np.array_split(np.arange(len(x)), 8):
@@ -114,7 +117,7 @@ def relaxed(body) -> np.ndarray:
 
 
 def sinking(particles, yield_value: float) -> float:
-    """Sinking of the top in 1 s [m]: the mean of the particles that start within 40 mm of the axis and 1.5 l0 of the
+    """Sinking of the top in 1 s [m], mean over the particles that start within 40 mm of the axis and 1.5 l0 below the
     highest one."""
     scene = mps.slump_cone(yield_value=yield_value, plastic_viscosity=50.0, spacing=SPACING, until=1.0)
     sim = run(replace(scene, fluid=particles, stop_at_rest=False))
@@ -124,8 +127,8 @@ def sinking(particles, yield_value: float) -> float:
 
 
 def arrested(fill, below=True, **settings):
-    """Yield the sinking in 1 s of arrested bodies filled by a function of the body, which must stand at tau_y and 5 %
-    above the static limit and, with ``below``, flow 5 % below it."""
+    """Yield the sinking in 1 s of arrested bodies, which ``fill(body, **settings)`` fills with particles. They must
+    stand at tau_y; with ``below`` also at 1.05 of the static limit, where that is less than tau_y, and flow at 0.95."""
     for tau_y, limit in STATIC_LIMITS.items():
         particles = fill(Revolved(final_shape(tau_y), mps.Cone(0.1, 0.05, HEIGHT).volume), **settings)
         for share in (1.0, 1.05 * limit) if below and 1.05 * limit <= 1.0 else (1.0,):
