@@ -4,7 +4,7 @@ import sys
 
 from .cli.stopped import listen, received
 
-CLOSED_PIPE = 141  # as a shell has it of a program that SIGPIPE ended
+CLOSED_PIPE = 141  # exit status that a shell gives a program ended by SIGPIPE
 
 
 def main(argv=None) -> int:

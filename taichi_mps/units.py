@@ -421,7 +421,7 @@ def checked(function):
             own = {key: getattr(parameters, key) for key in record.model_fields if key in fields}
             given = {key: value for key, value in own.items() if key in parameters.model_fields_set}
             made = record.from_values(given, arguments[name].default)
-            others = own if type(made) is type(arguments[name].default) else {}  # what the record has not
+            others = own if type(made) is type(arguments[name].default) else {}  # keywords the record does not have
             vars(parameters).update({key: dict(made).get(key, others.get(key)) for key in own})
         return parameters
 
@@ -468,7 +468,7 @@ def validated(target):
         try:
             bound = signature.bind(*positional, **keywords)
         except TypeError:
-            return target(*positional, **keywords)  # which says it as Python does
+            return target(*positional, **keywords)  # raises the message of Python
         known, given = model().model_fields, bound.arguments
         given = {
             key: value
@@ -479,7 +479,7 @@ def validated(target):
         bound.arguments |= {key: getattr(valid, key) for key, value in given.items() if type(value) is not int}
         return target(*bound.args, **bound.kwargs)
 
-    call.check = lambda **given: model()(**given)  # of some arguments alone
+    call.check = lambda **given: model()(**given)  # validates some arguments alone
     return call
 
 

@@ -31,9 +31,9 @@ class Query(Checked):
 
     test: str = "slump"
     values: dict[str, str] = {}  # texts of the fields that the user set
-    check: bool = False  # of a calibration, by a finer run
-    names: list[str] = []  # of runs
-    to: str = ""  # another name
+    check: bool = False  # whether a finer run checks a calibration
+    names: list[str] = []  # names of runs
+    to: str = ""  # new name of a run
     job: int = 0
 
 

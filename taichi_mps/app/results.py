@@ -223,7 +223,7 @@ class Runs:
         for folder in self.folders(self.bin) * (not self.bin.is_symlink()):
             if not folder.path.is_symlink():
                 shutil.rmtree(folder.path)
-        with suppress(OSError):  # it holds what is no run, or is not there
+        with suppress(OSError):  # the bin holds other files, or does not exist
             self.bin.rmdir()
 
     def move(self, folder: RunFolder, to: Path) -> None:

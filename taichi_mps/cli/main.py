@@ -341,7 +341,7 @@ def main(argv=None, more=None) -> int:
             print(__version__)
             return DONE
         require(argv[0] in commands, f"unknown command '{argv[0]}'{suggestion(argv[0], commands)}")
-        with warnings.catch_warnings():  # which are lines, and end no run, whatever PYTHONWARNINGS says
+        with warnings.catch_warnings():  # a warning is a line and never ends a run, whatever PYTHONWARNINGS says
             warnings.filters = [each for each in warnings.filters if each[0] != "error"]
             warnings.showwarning = lambda message, *_: print(f"taichi-mps: {plain(message)}", file=sys.stderr)
             return commands[argv[0]](argv[1:])

@@ -108,7 +108,7 @@ class Cavity:
 
     @validated
     def filled(self, s: InstanceOf[Particles]) -> np.ndarray:
-        """Tell which cells of the cavity are filled.
+        """Return which cells of the cavity are filled.
 
         Parameters
         ----------

@@ -79,7 +79,7 @@ class Box:
 
     @validated
     def contains(self, x: points("m")):
-        """Tell which points are inside.
+        """Return which points are inside.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Cone:
 
     @validated
     def contains(self, x: points("m")):
-        """Tell which points are inside.
+        """Return which points are inside.
 
         Parameters
         ----------

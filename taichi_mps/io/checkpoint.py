@@ -475,7 +475,7 @@ def digest(scene: Scene, keys) -> str:
 
 
 def possible(poured, layers: int) -> bool:
-    """Tell whether an inlet can have poured this.
+    """Return whether an inlet can have poured this.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class History:
     def __init__(self, path, kept: float | None = None):
         self.path = user_path(path)
         rows = [] if kept is None or not self.path.is_file() else read_rows(path)
-        rows = [row for row in rows if number(row["time_s"]) <= kept * (1 + 1e-8)]  # of nine digits
+        rows = [row for row in rows if number(row["time_s"]) <= kept * (1 + 1e-8)]  # times have nine digits
         self.empty = not rows
         self._rewrite(rows[0] if rows else COLUMNS, rows)
 

@@ -39,7 +39,7 @@ class NodeMultigrid(NodeOperators):
 
     def __init__(self, operator, bins):
         super().__init__(operator, bins)
-        self.jacobi = Jacobi(operator)  # of fewer rows
+        self.jacobi = Jacobi(operator)  # for fewer than MIN_ROWS rows
         self.uses_levels = ti.field(ti.i32, ())  # 1 if there are MIN_ROWS rows or more
         d = self.dimension
         self.weight = 2.0 / 2**d  # w, of grid 0

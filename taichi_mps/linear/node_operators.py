@@ -89,7 +89,7 @@ class NodeOperators:
         self.finer = ti.field(ti.i32, (self.rows, self.stencil_points))
         ratio = self.ratio.to_numpy()[:, None]
         apart = np.abs(np.array(list(product((-1, 0, 1), repeat=d))))
-        (self.weights,) = constant_fields(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))  # of that node
+        (self.weights,) = constant_fields(np.maximum(0, ratio - apart).prod(2) * (1.0 / ratio.prod(2)))  # its weight
 
     def build_levels(self) -> None:
         """Build the operators of all grids for the present operator on particles."""

@@ -43,7 +43,7 @@ class PCG:
         self.first_x, self.first_r, self.last_b = (self.vectors.field() for _ in range(3))  # of the last solve
         self.rz, self.rz_new, self.pq = (double_field() for _ in range(3))  # (r, z), the next one, (p, A p)
         self.alpha, self.beta = double_field(), double_field()
-        self.reference, self.target = double_field(), double_field()  # of (r, z): see set_target
+        self.reference, self.target = double_field(), double_field()  # values of (r, z), see set_target
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
 

@@ -52,8 +52,8 @@ class LatticeSums:
     neighbours: int  # particles within the effective radius
     surface_normal: float  # sum w cos, to the normal, of a particle in the first row below a flat surface [-]
     packing: float  # 1 + sum of the packing kernel [-]
-    weight: Callable  # that these are the sums of
-    packing_kernel: Callable  # that ``packing`` is the sum of
+    weight: Callable  # weight function w
+    packing_kernel: Callable  # kernel of ``packing``
 
 
 def lattice_sums(

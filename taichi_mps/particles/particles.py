@@ -47,9 +47,9 @@ class Particles:
     def __init__(self, start: dict, volumes, carried: dict[str, Carried], axisymmetric=False, to_come: int = 0):
         n, d = start["x"].shape
         t = 3 if axisymmetric else d
-        self.dimension, self.tensor_dimension = d, t  # of vectors, and of stresses and gradients
+        self.dimension, self.tensor_dimension = d, t  # dimension of vectors, and of tensors
         self.axisymmetric = axisymmetric
-        self.usual_volume = float(volumes[0])  # of every particle but rings [m3, m2 in 2-D]
+        self.usual_volume = float(volumes[0])  # volume of each particle, if it is no ring [m3, m2 in 2-D]
         self.capacity = n + to_come
         makers = {
             "scalar": lambda: ti.field(real()),

@@ -191,7 +191,7 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -
     require(isinstance(scene, Scene), f"scene {name}: its function returns {type(scene).__name__}; must return a Scene")
     if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
         mix, law = None, scene.material
-        if type(law) is Bingham and law.yields and law.straight:  # of such mixes the errors were measured
+        if type(law) is Bingham and law.yields and law.straight:  # errors were measured for such mixes alone
             mix = Mix.of(law.yield_value, law.plastic_viscosity, law.density, valid.height)
         fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
         lift_speed = getattr(valid, "lift_speed", None)
@@ -232,9 +232,9 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
         f"scene = {source}: is code of yours, and run only if you name it again: --scene {source}",
     )
     if parameters.get("consistency") is not None and "plastic_viscosity" in parameters:
-        parameters = parameters | {"plastic_viscosity": None}  # stood there without effect, before 0.3
+        parameters = parameters | {"plastic_viscosity": None}  # had no effect before 0.3
     name = source if scene_file is None else scene_file
-    unused = load(name).parameters.without_effect(parameters)  # which an earlier version took
+    unused = load(name).parameters.without_effect(parameters)  # keywords that an earlier version took
     return build(name, **{key: value for key, value in parameters.items() if key not in unused})
 
 

@@ -262,7 +262,7 @@ class Inlet:
 
 
 def buried(layer: np.ndarray, x: np.ndarray, spacing: float) -> bool:
-    """Tell whether a layer of particles has no room among the present particles.
+    """Return whether a layer of particles has no room among the present particles.
 
     Parameters
     ----------

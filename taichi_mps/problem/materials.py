@@ -106,7 +106,7 @@ class Material(Checked):
 
     @validated
     def flows(self, rate: Rate):
-        """Tell where the material flows: where the viscous part of the stress is over 5 % of the yield stress.
+        """Return where the material flows: where the viscous part of the stress is over 5 % of the yield stress.
 
         Parameters
         ----------
@@ -684,7 +684,7 @@ NUMBERS |= {name: law.__name__ for law in reversed(LAWS) for name in numbers_of(
 
 
 def chooses_law(name: str, value) -> bool:
-    """Tell whether a number chooses a law.
+    """Return whether a number chooses a law.
 
     A viscous constant always does; another number unless it has the default that its law declares.
     """

@@ -152,7 +152,7 @@ class Problem:
         return max(weight, WEIGHTLESS * self.speed**2 / self.height) or WEIGHTLESS
 
     def may_be_full(self, to_come: int = 0) -> bool:
-        """Tell whether the fluid may fill a closed vessel, so that it has no free surface.
+        """Return whether the fluid may fill a closed vessel, so that it has no free surface.
 
         Parameters
         ----------

@@ -33,10 +33,10 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
     walls = wall_lines(scene, walls_low, walls_high, film["times"][-1])
     outline = [line for each in scene.outline for line in with_mirror_images(scene, each)]
     body = np.array(film["low"]) + np.outer((0, MAX_POSITION_CODE), film["step"])
-    if scene.axisymmetric:  # of which the film has the section
+    if scene.axisymmetric:  # the film has the section of the body
         body = body[1, 0] * np.array([(-1.0, -1.0, 0.0), (1.0, 1.0, 0.0)]) + body * (0.0, 0.0, 1.0)
     points = np.vstack([body, *outline, *scene.vessel])
-    room = 0.5 * scene.spacing * (film["corners"][-1] == 0)  # of particles, whose centres these are
+    room = 0.5 * scene.spacing * (film["corners"][-1] == 0)  # where points are the centres of particles
     low, high = points.min(0) - room, points.max(0) + room
     low[2] = low[2] if floor is None else min(floor, low[2])
     return {

@@ -26,8 +26,8 @@ from ..terms.wall_stress import WallStress, no_force
 from .diagnostics import Diagnostics
 from .scheme import Scheme
 
-FIRST_ITERATIONS = 40  # the pressure and the stress of the first step are found from zero
-# of these, with mu_r and no yield stress: the pressure comes first, or its strain stays as stress in a plug
+FIRST_ITERATIONS = 40  # of the first step, whose pressure and stress start from zero
+# of the first step without a yield stress, with mu_r: the pressure comes first, or its strain stays as stress in a plug
 VISCOUS_ITERATIONS = 10
 
 

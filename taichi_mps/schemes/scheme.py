@@ -16,7 +16,7 @@ from ..runtime.field_io import FieldIO
 from ..runtime.stages import flush
 from .diagnostics import Diagnostics
 
-# Of the neighbour list over the spacing, where steps are short: of a lattice the next neighbours are left out
+# Skin of the neighbour list over the spacing, where steps are short: the next neighbours of a lattice are left out
 SKIN = 0.1
 
 

@@ -19,7 +19,7 @@ from .simulation import Simulation
 
 # of a scene: read at every step or at the end, by no kernel; the material has its own entry
 FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline", "mould", "vessel")
-MAX_KEPT = 4  # Simulations of a process: of some curves, coarse and fine
+MAX_KEPT = 4  # Simulations that a process keeps: of some curves, coarse and fine
 _kept: dict = {}  # of this process, by shape, last used last: Simulation, its scheme and its state when it was made
 
 
@@ -36,7 +36,7 @@ def begin(scene: Scene, compiles=None, most: int = MAX_KEPT) -> Simulation:
         with redirect_stdout(io.StringIO()):  # without Taichi's greeting
             init(threads=1)
     sim, scheme, beginning = _kept.pop(shape, (None, None, None))
-    # its scheme is another one once it was made anew for a longer neighbour list
+    # a Simulation makes a new scheme for a longer neighbour list
     if not sim or sim.session is not session() or sim.scheme is not scheme:
         if compiles:
             compiles()

@@ -175,7 +175,7 @@ class Simulation:
         if self.report:
             speed, acceleration = self.report.max_speed, self.report.acceleration
             if any(part.changes(self.time) for part in self.scene.in_time):
-                acceleration = math.inf  # that of the last step tells nothing
+                acceleration = math.inf  # the value of the last step does not apply
         if not self.report or np.any(frame):
             speed = float(np.linalg.norm(self.particles.read()["u"] - frame, axis=1).max())
         speed = max(speed, self.problem.wall_speed_at(self.time), jet + float(np.linalg.norm(frame)) * (jet > 0.0))
@@ -244,7 +244,7 @@ class Simulation:
     def _count_seconds(self, cpu):
         self._compiled = True
         if self.steps == 1:
-            self.execution.spent.clear()  # they held the compilation
+            self.execution.spent.clear()  # these times include the compilation
             self.compile_seconds = time.process_time() - self._clock[0]
         else:
             self.cpu_seconds += time.process_time() - cpu

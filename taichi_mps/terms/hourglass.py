@@ -27,8 +27,8 @@ from .constants import Term
 
 BOND_DISSIPATION = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
 SETTLING = 2.0  # h >= 2 p dt: what the pressure pushes apart goes no further than to its place in a step
-# What a thin fluid has at rest, over that in motion, or its particles find no places to stay in; and the strain or
-# rotation in a step from which on it moves
+# Resistance of a thin fluid at rest over that in motion: with less its particles do not settle; and the strain or
+# rotation in a step from which on the fluid is in motion
 REST_FACTOR, MOVING_STRAIN = 64.0, 0.002
 HUGE = 1e30  # N s m: no bound
 # at the edge of a plug a quarter of the bonds carry all of this motion: their rate is twice the mean

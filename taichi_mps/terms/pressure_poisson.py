@@ -18,7 +18,7 @@ from .constants import Term
 
 MAX_ITERATIONS = 2000  # of a solve
 FREE_SURFACE = 0.97  # n*/n0 below which a particle lies on the free surface
-# Of the density error the source 'mixed' removes so much [1/s], and at most that part of it in a step
+# Rate at which the source 'mixed' removes the density error [1/s], and the largest part that it removes in a step
 DENSITY_RATE, DENSITY_PART = 200.0, 0.2
 
 

@@ -11,7 +11,7 @@ from ..runtime.field_io import FieldIO
 from ..units import SceneError
 
 RATES = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 91)])  # [1/s], of the look before a run
-READ = "kind", "shear_rate", "structure", "mix"  # of what the particles carry, after each step
+READ = "kind", "shear_rate", "structure", "mix"  # carried fields that are read after each step
 FALL = 1e-3  # of the largest stress: by so much rounding may make a curve fall
 
 

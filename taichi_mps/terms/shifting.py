@@ -77,7 +77,7 @@ class Shifting(Term):
             self.shift[i] = ti.Vector.zero(float, d)
             if self.particles.kind[i] == FLUID:
                 x = self.particles.x[i]
-                l0 = self.spacing * ti.sqrt(self.gradient.cross_section_ratio(i))  # of rings as thin as this one
+                l0 = self.spacing * ti.sqrt(self.gradient.cross_section_ratio(i))  # spacing of rings this thin
                 crowding, apart = ti.Vector.zero(float, d), ti.Vector.zero(float, d)
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     j = self.neighbors.column[k]

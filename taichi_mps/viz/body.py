@@ -92,7 +92,7 @@ def profile(scene, part: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray] | 
         along = np.diff(corners, axis=0)
         normals = np.repeat(np.stack([along[:, 1], -along[:, 0]], -1), 2, axis=0)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        points = np.repeat(corners, 2, axis=0)[1:-1]  # those within twice, for sharp edges
+        points = np.repeat(corners, 2, axis=0)[1:-1]  # inner corners twice, for sharp edges
         parts, rows = np.arange(len(points)).reshape(-1, 2), np.zeros(len(points), int)
     elif scene.axisymmetric:
         floors = [wall.point[1] for wall in scene.walls if isinstance(wall, Plane) and wall.normal[1] > 0.99]

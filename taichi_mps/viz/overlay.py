@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 from ..problem.measures import embed
 from .painter import BACKGROUND
 
-INK, FAINT, MOULD, GLASS = (38, 42, 48), (112, 118, 126), (196, 62, 38), (96, 150, 176)  # of text, rulers, outlines
+INK, FAINT, MOULD, GLASS = (38, 42, 48), (112, 118, 126), (196, 62, 38), (96, 150, 176)  # colours (RGB)
 GLASS_OPACITY = 0.15  # of a pane [-]
 DASH = 2, 3  # parts of a dashed line that are drawn, and parts of its period
 
