@@ -67,7 +67,7 @@ def preview_models(test: str, values: dict) -> list[Scene]:
 
 
 class Film:
-    """Sends the moving section of a Simulation, at times that lie further apart as it slows down."""
+    """Sender of the moving section of a Simulation, at times that lie further apart as it slows down."""
 
     def __init__(self, sim: Simulation, tell, cancelled):
         self.sim, self.tell, self.cancelled, self.course = sim, tell, cancelled, []
@@ -92,7 +92,7 @@ class Film:
         return ended
 
     def send_if_due(self, sim: Simulation) -> None:
-        """After a step: stop if cancelled, or send the state if a picture is due."""
+        """Stop after a step if the preview is cancelled, else send the state if a picture is due."""
         if self.cancelled():
             sim.interrupt()
         elif sim.time >= self.next_picture and sim.all_active:

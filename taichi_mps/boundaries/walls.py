@@ -58,8 +58,8 @@ class Walls(WallPositions):
         super().__init__(walls, dimension, spacing, effective_radius, capacity)
         rough = [(wall, surface) for wall, surface in zip(walls, self.surfaces, strict=True) if wall.friction]
         for k, (wall, surface) in enumerate(rough):
-            carried = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
-            surface.friction = FrictionalSlip(wall.friction, *carried, spacing, slope)
+            fields = particles.carried[f"slip_{k}"], particles.carried.get(f"traction_{k}")
+            surface.friction = FrictionalSlip(wall.friction, *fields, spacing, slope)
         self.have_friction = bool(rough)
         for k, surface in enumerate(surface for surface in self.surfaces if surface.unilateral and particles):
             surface.releases, surface.particles = True, particles

@@ -221,7 +221,7 @@ class Implicit(Scheme):
 
     # ---- around the step ------------------------------------------------------------------------------------
     def relax(self) -> None:
-        """Before the first step: an unevenly filled body is relaxed, with a warning."""
+        """Relax an unevenly filled body before the first step, with a warning."""
         self.neighbors.search()
         if is_uneven(self.base):
             warnings.warn(
@@ -235,8 +235,8 @@ class Implicit(Scheme):
                 self.neighbors.search()
 
     def set_forces(self, scene, start: float, dt: float) -> None:
-        """Before a step of dt [s] from a time [s]: gravity and the velocities of walls. What stands wakes where they
-        change."""
+        """Set gravity and the velocities of walls for a step of dt [s] from a time [s]; where they change, particles at
+        rest become active."""
         super().set_forces(scene, start, dt)
         if any(part.changes(start) for part in scene.in_time):
             self.active_set.wake()

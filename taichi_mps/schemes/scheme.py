@@ -57,8 +57,8 @@ class Scheme:
         return {"Courant": courant / speeds.speed} if speeds.speed > 0.0 else {}
 
     def set_forces(self, scene, start: float, dt: float) -> None:
-        """Before a step of dt [s] from a time [s]: gravity and the velocities of walls, where they change, their means
-        over the step; a jolt is a gravity of one step."""
+        """Set gravity and the velocities of walls for a step of dt [s] from a time [s]: their means over the step,
+        where they change. A jolt is a gravity during one step."""
         base, jolts = self.base, scene.jolts_at(start)
         if scene.gravity_in_time is not None or scene.jolts:
             flush()
@@ -70,10 +70,10 @@ class Scheme:
         self.walls.set_velocities(dt)
 
     def relax(self) -> None:
-        """Before the first step: relax an uneven fill, where the scheme needs it."""
+        """Relax an uneven fill before the first step, where the scheme needs it."""
 
     def complete_fields(self) -> None:
-        """Before ``fields_to_read``: make what the particles carry that of all, where not all took the last step."""
+        """Complete the carried fields of particles that did not take the last step, before ``fields_to_read``."""
 
     def fields_to_read(self, count: int) -> dict:
         """Arrays (count, ...) of the first rows that a snapshot shows besides what the particles carry."""

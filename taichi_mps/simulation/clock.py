@@ -139,14 +139,14 @@ class Clock:
 def steps_left(sim, cost) -> float:
     """Number of steps that a run still takes, by its forecast ``cost`` and by its decay, if it has one."""
     now, dt, fold, until = sim.time, sim.report.dt, sim.rest.fold, sim.scene.until
-    steps_left = max(cost.steps - sim.steps, REMAINING_SHARE * sim.steps)
+    forecast = max(cost.steps - sim.steps, REMAINING_SHARE * sim.steps)
     if sim.pouring and not all(pouring.done for pouring in sim.pouring):
         share = min(now / max(pouring.end for pouring in sim.pouring), 1.0)
         return (1.0 - share) * math.sqrt(cost.steps * sim.steps / max(share, 1e-3)) + MIN_STEPS
     end = min(until, sim.rest.expected(sim) or until) if sim.problem.rests and sim.scene.stop_at_rest else until
     if fold <= 0.0:
-        return min(steps_left, max(1.0, (until - now) / dt)) if end < until else steps_left
+        return min(forecast, max(1.0, (until - now) / dt)) if end < until else forecast
     longest = max(dt, own_step(sim.problem, quiet=True), CREEP * fold)
     growing = min(max(end - now, 0.0), fold * math.log(longest / dt))
     decay = fold / dt * -math.expm1(-growing / fold) + (max(end - now, 0.0) - growing) / longest
-    return math.sqrt(steps_left * decay)
+    return math.sqrt(forecast * decay)

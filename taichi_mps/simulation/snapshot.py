@@ -55,9 +55,9 @@ def ring_sizes(rows, spacing: float):
 
 
 def crossing(rows: dict, scene) -> tuple[str, float] | None:
-    """From rows ``x`` (n, d) [m] and ``u`` (n, d) [m/s], the edge of a scene's domain that most of those outside have
-    crossed, with what enlarges it, in one line, and the largest of their speeds [m/s]. None where none is outside or
-    one is no number."""
+    """Edge of a scene's domain that most of the particles outside have crossed, with what enlarges the domain, in one
+    line, and their largest speed [m/s]; None where no particle is outside or a position is no number. ``rows``: ``x``
+    (n, d) [m] and ``u`` (n, d) [m/s]."""
     x, (low, high) = rows["x"], np.array(scene.domain, float)
     bounded = ~np.array(scene.periodic)
     beyond = np.stack([(x < low) & bounded, (x > high) & bounded], axis=-1)  # (n, d, 2)

@@ -83,7 +83,7 @@ class Constants:
     """Constants of each mix and scales of the scene: a field for each of MIX_FIELDS and SCENE_FIELDS."""
 
     def __init__(self, particles, problem, gravity=None, twist=None):
-        """``gravity``: field [m/s2] that is written at the start of a step; ``twist``: of its gradient [1/s2]."""
+        """``gravity``: field [m/s2] that is written at the start of a step; ``twist``: field of its gradient [1/s2]."""
         self.gravity, self.twist, self.twists = gravity, twist, twist is not None
         self.particles, self.mixes = particles, len(problem.materials)
         self.of_mix = [ti.field(real(), self.mixes) for _ in MIX_FIELDS]

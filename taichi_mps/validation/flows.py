@@ -108,8 +108,8 @@ def film_at_yield():
 
 
 def rational_film():
-    """Judged by the true Bingham material: what is left of the difference, by the rule and by the scheme together.
-    Speeds are means over the upper quarter of a film 20 particles deep, after T = 2 s."""
+    """Error of the rational rule and of the scheme together, beside the true Bingham material. Speeds are means over
+    the upper quarter of a film 20 particles deep, after T = 2 s."""
 
     def speeds(share):
         tau_y = share * SLOPE_WEIGHT * DEPTH

@@ -108,7 +108,7 @@ def collapse(tau_y, spacing=0.01, slump_target=5.0, model="full", until=5.0, pi_
 
 
 def rational_slump():
-    """Judged by the true Bingham material: what is left of the difference, by the rule and by the scheme together."""
+    """Error of the rational rule and of the scheme together, beside the true Bingham material."""
     mix = {"yield_value": 500.0, "plastic_viscosity": 50.0, "critical_strain_rate": "rational"}
     _, at, found = record(mps.slump_cone(**mix, until=5.0), slump_and_spread, 0.1)
     exact, (early, late) = inertial(500.0)[1][-1], np.interp([1.0, 5.0], at, found[:, 0])

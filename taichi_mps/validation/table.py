@@ -87,8 +87,8 @@ def run_table(
 
 
 def draw(results: dict[str, dict], out: Path) -> None:
-    """The convergence chart of all results that have points for it; without points, or without matplotlib, a line that
-    says so."""
+    """Draw the convergence chart of all results that have points for it; without points, or without matplotlib, print a
+    line that says so."""
     from ..viz import plots
 
     series = [item for result in results.values() for item in result.get("series", ())]
