@@ -138,6 +138,10 @@ def calibrate_row(row: dict[str, str], study=None) -> dict:
         require(measured.keys() & set(FIELD_OF_RESULT.values()), f"has no measurement, none of {tests}")
         used = without_slump(measured) if has_zero_slump(measured) else measured
         found = calibrate(**used, study=study, check=False)
+        require(
+            used is measured or found.yield_value.lower is not None,
+            "slump = 0 m: with its error it bounds no yield stress; slump_error must be smaller",
+        )
     except (SceneError, ValueError) as error:
         return {**row, "verdict": REFUSED, "reason": " ".join(str(error).split())}
     if has_zero_slump(measured):

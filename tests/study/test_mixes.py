@@ -285,6 +285,11 @@ def test_what_a_list_cannot_say_is_told_and_its_own_columns_are_kept(tmp_path, c
     assert {"verdict (given)", "verdict (given) (given)"} <= again[0].keys()
 
 
+def test_no_slump_with_so_large_an_error_that_any_mix_stands_is_refused():
+    (row,) = calibrate_list([{"slump": "0", "slump_error": "0.25"}])
+    assert row["verdict"] == "refused" and "slump_error must be smaller" in row["reason"]
+
+
 @pytest.mark.parametrize(("rows", "code"), [("A,5,5\nB,,\n", 1), ("A,5,5\nB,18,32\n", 0)])
 def test_a_list_of_which_every_row_is_refused_is_a_failure(tmp_path, rows, code):
     path = written(tmp_path, f"mix,slump [cm],spread [cm]\n{rows}")
