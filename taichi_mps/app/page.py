@@ -91,14 +91,14 @@ class Page:
 
     async def run(self, asked: Query) -> dict:
         """Enqueue a run, if it can be computed."""
-        fields, known = self.fields(asked), await self.forecast(asked)
-        if known.get("wrong"):
-            return known
+        fields, expected = self.fields(asked), await self.forecast(asked)
+        if expected.get("wrong"):
+            return expected
         units = {key: f" {fields[key]['unit']}" * without_unit(text) for key, text in asked.values.items()}
         texts = [f"{in_words(key)} {text}{units[key]}".rstrip() for key, text in asked.values.items()]
         words = ["run", asked.test, *form.options(asked.values), "--quiet"]
         title = ", ".join([in_words(asked.test), *texts])
-        return self.enqueue(Job(title, words, asked.test, known.get("seconds")))
+        return self.enqueue(Job(title, words, asked.test, expected.get("seconds")))
 
     def enqueue(self, job: Job) -> dict:
         """Enqueue a job and return its number."""

@@ -75,14 +75,14 @@ class OnlyHere(BaseHTTPMiddleware):
 def file_of(folder, run: str, name: str) -> FileResponse:
     """Response with a file of a run in a folder of runs; 404 for any other file. A file that a browser would execute as
     a page is sent as a download, since a run may come from anybody."""
-    known = name in SERVED_FILES | set(SAVED) or PICTURE.fullmatch(name)
+    served = name in SERVED_FILES | set(SAVED) or PICTURE.fullmatch(name)
     try:
         run_folder = RunFolder(folder / run)
         path = run_folder.path / name
         inside = path.is_file() and path.resolve() == run_folder.path.resolve() / name and run_folder.ours
     except (OSError, ValueError):  # a name that is too long, or has a zero in it
         inside = False
-    if run in ("", ".", "..") or "/" in run or not known or not inside:
+    if run in ("", ".", "..") or "/" in run or not served or not inside:
         raise HTTPException(404)
     return FileResponse(path, filename=f"{plain(run)}-{name}" if name in SAVED else None)
 

@@ -167,8 +167,8 @@ def forecast(words: list[str]) -> dict:
         return {"wrong": errors_by_key(plain(" ".join(str(error).split())))}
     remarks = [line.removeprefix("taichi-mps: ") for line in messages.getvalue().splitlines()]
     remarks += dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning)
-    known = {"space": problem.scene.dimension == 3, "seconds": clock.whole}
-    return known | {
+    facts = {"space": problem.scene.dimension == 3, "seconds": clock.whole}
+    return facts | {
         "lines": describe_run(problem, clock),
         "remarks": remarks,
         "table": measures_by_table(problem.scene),

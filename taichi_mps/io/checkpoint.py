@@ -234,8 +234,8 @@ class Checkpoint:
             found, right = np.shape(self.state.get(key)), (rows, *array.shape[1:])
             require(found == right, f"checkpoint: {key} has the shape {found}; must have {right}")
         kinds = self.state["kind"]
-        known = np.all(np.isin(kinds, (FLUID, WALL, DUMMY))) and np.any(kinds == FLUID)
-        require(known, f"checkpoint: kind: must be {FLUID} of fluid, {WALL} or {DUMMY} of walls, and of some {FLUID}")
+        valid = np.all(np.isin(kinds, (FLUID, WALL, DUMMY))) and np.any(kinds == FLUID)
+        require(valid, f"checkpoint: kind: must be {FLUID} of fluid, {WALL} or {DUMMY} of walls, and of some {FLUID}")
         try:
             sim.load(self.state)
         except (TypeError, KeyError) as error:

@@ -122,8 +122,8 @@ def row_of(sim, measures: dict) -> dict:
         return measures | {key: getattr(sim.report, REPORT_ATTRIBUTES.get(key, key)) for key in keys}
     s = sim.snapshot()
     masses = np.array([m.density for m in sim.scene.materials])[s.mix] * sim.scene.volumes_at(s.x)
-    known = {"max_speed_m_s": float(s.speed.max()), "kinetic_energy_J": 0.5 * float((masses * s.speed**2).sum())}
-    return measures | dict.fromkeys(keys, 0.0) | known | {"unyielded_fraction": 1.0 - s.yielded.mean()}
+    totals = {"max_speed_m_s": float(s.speed.max()), "kinetic_energy_J": 0.5 * float((masses * s.speed**2).sum())}
+    return measures | dict.fromkeys(keys, 0.0) | totals | {"unyielded_fraction": 1.0 - s.yielded.mean()}
 
 
 def line(values) -> str:

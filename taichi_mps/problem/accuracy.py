@@ -225,8 +225,8 @@ def errors_for_mix(rows: list[ModelErrors], mix: Mix | None) -> tuple[ModelError
         ), f"Bingham mixes of 100 to {REFERENCE_MIX}"
     if between := interpolate_in_mixes(rows, mix):
         return between, "mixes beside this one"
-    known = nearest(mix)
-    return next((row for row in rows if row.mix == known), None), f"the nearest mix, {known}"
+    nearest_mix = nearest(mix)
+    return next((row for row in rows if row.mix == nearest_mix), None), f"the nearest mix, {nearest_mix}"
 
 
 def choose(

@@ -265,8 +265,8 @@ class Bingham(Material):
     @property
     def knee_stress(self) -> float:
         """Stress [Pa] at which a bi-viscosity material starts to flow: tau_y + 2 eta pi_c (R1)."""
-        known = isinstance(self.critical_strain_rate, float)
-        return self.yield_value + (2.0 * self.plastic_viscosity * self.critical_strain_rate if known else 0.0)
+        is_number = isinstance(self.critical_strain_rate, float)
+        return self.yield_value + (2.0 * self.plastic_viscosity * self.critical_strain_rate if is_number else 0.0)
 
     @validated
     def within(self, time: Duration) -> "Bingham":
@@ -724,8 +724,8 @@ def constants_of(facts: dict) -> dict[str, str]:
     """
     slope = ("typical_slope", "plastic_viscosity") if "typical_slope" in facts else ()  # no constants of a mix
     names = ["yield_value", *(name for name in facts if name not in (*COMMON_NUMBERS, *slope)), "density"]
-    known = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
-    given = {name: value for name, value in known.items() if name in COMMON_NUMBERS or chooses_law(name, value)}
+    numbers = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
+    given = {name: value for name, value in numbers.items() if name in COMMON_NUMBERS or chooses_law(name, value)}
     units = {name: unit_of(field) for name, field in Concrete.model_fields.items()}
     return {in_words(name): quote(float(value), units.get(name, "")) for name, value in given.items()}
 

@@ -50,8 +50,8 @@ class RunRecord:
         self.ended = last["time_s"] <= self.summary["simulated_seconds"] * (1.0 + 1e-6)  # else it went on after that
         if not self.ended:
             mixes = [mix.facts() for mix in self.scene.materials]
-            known = {"scene": self.scene.name, "parameters": parameters, "materials": mixes}
-            self.summary = known | {"simulated_seconds": last["time_s"]} | sentences.measures(last)
+            facts = {"scene": self.scene.name, "parameters": parameters, "materials": mixes}
+            self.summary = facts | {"simulated_seconds": last["time_s"]} | sentences.measures(last)
 
 
 def write(folder: RunFolder, scene: Scene | None = None, scene_file=None, title=None, note=None) -> Path:

@@ -41,9 +41,9 @@ def sentences(summary: dict, folder=None) -> list[str]:
 
 def measured(summary) -> str:
     """Sentence on the two main results, or else on the first two."""
-    known = [name for name, value in summary.items() if is_measure(name) and isinstance(value, float | int)]
-    of_scene = [name for name in known if name in RESULTS or not name.startswith(tuple(RESULT_GROUPS))]
-    found = ([name for name in LEADING if name in known] or of_scene or known)[:2]
+    results = [name for name, value in summary.items() if is_measure(name) and isinstance(value, float | int)]
+    of_scene = [name for name in results if name in RESULTS or not name.startswith(tuple(RESULT_GROUPS))]
+    found = ([name for name in LEADING if name in results] or of_scene or results)[:2]
     text = ", ".join(f"{title(name)} {written(name, summary[name])}" for name in found)
     return f"{text[0].upper()}{text[1:]}." if found else "Nothing was measured."
 
@@ -55,8 +55,8 @@ def ending(summary, mixes=True) -> str:
     text = f"{reason} after {summary['simulated_seconds']:.2f} s"
     if not mixes:
         return f"{text}."
-    known = summary.get("materials") or []
-    mix = f" ({mix_in_words(known[0])})" if len(known) == 1 else f" ({len(known)} mixes)" * bool(known)
+    materials = summary.get("materials") or []
+    mix = f" ({mix_in_words(materials[0])})" if len(materials) == 1 else f" ({len(materials)} mixes)" * bool(materials)
     return f"{text[0].upper()}{text[1:]}{plain(mix)}."
 
 

@@ -192,6 +192,6 @@ def own_step(problem: Problem, quiet: bool = False) -> float:
 def seconds_of_a_step(particles):
     """CPU seconds of a step: interpolated as a power between the measured numbers of particles, constant below, in
     proportion above."""
-    known, seconds = np.loadtxt(MEASURED, delimiter=",").T
-    within = np.exp(np.interp(np.log(np.maximum(particles, 1.0)), np.log(known), np.log(seconds)))
-    return within * np.maximum(1.0, particles / known[-1])
+    counts, seconds = np.loadtxt(MEASURED, delimiter=",").T
+    within = np.exp(np.interp(np.log(np.maximum(particles, 1.0)), np.log(counts), np.log(seconds)))
+    return within * np.maximum(1.0, particles / counts[-1])

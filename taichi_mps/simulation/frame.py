@@ -69,10 +69,10 @@ def interpolate(earlier: Frame, later: Frame, time: float) -> Frame:
 
     Particles that came in since the earlier one have moved at their present velocity.
     """
-    first, last, known = earlier.state, later.state, len(earlier.state.x)
+    first, last, count = earlier.state, later.state, len(earlier.state.x)
     back, span = time - last.time, last.time - first.time
-    way = np.vstack([last.x[:known] - first.x, span * last.u[known:]])
-    gain = np.vstack([last.u[:known] - first.u, 0.0 * last.u[known:]])
+    way = np.vstack([last.x[:count] - first.x, span * last.u[count:]])
+    gain = np.vstack([last.u[:count] - first.u, 0.0 * last.u[count:]])
     low, high = np.array(later.scene.domain, float)
     # across a periodic axis the shorter way
     way -= later.scene.periodic * (high - low) * np.round(way / (high - low))

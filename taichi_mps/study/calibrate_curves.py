@@ -106,8 +106,8 @@ class RunLeastSquares(LeastSquares):
             test, name, row = curve.test, curve.measure, self.rows[self.case(curve.test, at, spacing).key]
             require(row["status"] == "done", f"curve = {test.name}: a run {row['status']}: {row['reason']}")
             values = row["course"] if len(test.times) else row
-            known = ", ".join(filter(is_measure, values))
-            require(name in values, f"curve = {test.name}: the scene does not measure {name}; must be of {known}")
+            measures = ", ".join(filter(is_measure, values))
+            require(name in values, f"curve = {test.name}: the scene does not measure {name}; must be of {measures}")
             value = np.atleast_1d(np.array(values[name], float))
             found.append(
                 np.interp(curve.times + self.offset(at, test), values["time_s"], value) if len(test.times) else value
@@ -116,8 +116,8 @@ class RunLeastSquares(LeastSquares):
 
     def residuals_at(self, at, spacing) -> np.ndarray:
         """Return (model - measured)/error of all measured points, by runs of a spacing [m]."""
-        known = zip(self.model(at, spacing), self.curves, self.errors, strict=True)
-        found = np.concatenate([(model - curve.values) / error for model, curve, error in known])
+        triples = zip(self.model(at, spacing), self.curves, self.errors, strict=True)
+        found = np.concatenate([(model - curve.values) / error for model, curve, error in triples])
         self.residual_range = np.fmin(self.residual_range[0], found), np.fmax(self.residual_range[1], found)
         return found
 

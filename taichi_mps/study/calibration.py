@@ -82,8 +82,8 @@ class Constant:
             return f"{rounded(self.value)} {self.unit}, as given"
         if self.determined:
             return f"{self.value_or_bound()}, 95 %: {rounded(self.lower)} to {rounded(self.upper)} {self.unit}"
-        known = f"{self.value_or_bound()} (95 %), not determined further" if self.bounded else "not determined"
-        return f"{known} by these measurements (looked for from {self.table_range()})"
+        text = f"{self.value_or_bound()} (95 %), not determined further" if self.bounded else "not determined"
+        return f"{text} by these measurements (looked for from {self.table_range()})"
 
     def table_range(self) -> str:
         """Format the range of the constant that the table covers."""
@@ -119,8 +119,8 @@ class FittedConstants:
 
     def facts(self) -> dict:
         """Return all results, JSON-ready."""
-        known = {name: asdict(it) | {"determined": it.determined} for name, it in self.constants.items()}
-        return vars(self) | {"constants": known, "told": str(self)}
+        constants = {name: asdict(it) | {"determined": it.determined} for name, it in self.constants.items()}
+        return vars(self) | {"constants": constants, "told": str(self)}
 
 
 @dataclass(frozen=True, kw_only=True)

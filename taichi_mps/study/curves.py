@@ -68,10 +68,10 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
     found = [field for field, _ in contents.values() if field]
     duplicate = next((field for field in found if found.count(field) > 1), "")
     require(not duplicate, f"{where}two columns are {duplicate}; must be one")
-    known, others = ", ".join(measures), ", ".join(f"'{name}'" for name, (field, _) in contents.items() if not field)
+    allowed, others = ", ".join(measures), ", ".join(f"'{name}'" for name, (field, _) in contents.items() if not field)
     require(
         set(measures) & set(found),
-        f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of {known}",
+        f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of {allowed}",
     )
     runs: dict[tuple, list] = {}
     for number, row in enumerate(rows, 1):

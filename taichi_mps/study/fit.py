@@ -163,8 +163,8 @@ class TableLeastSquares(LeastSquares):
         yields = np.linspace(*self.bounds[:, 0], YIELD_STRESSES)
         chi2 = (self.scaled_residuals(self.model(yields, np.log(within / scales[1]), grid=True)) ** 2).sum(0)
         best = (scales[0] * np.exp(yields[chi2.argmin(0)])).tolist()
-        known = zip(within, best, chi2.min(0), strict=True)
-        return {eta: tau for eta, tau, misfit in known if misfit - least <= CHI2_95}
+        candidates = zip(within, best, chi2.min(0), strict=True)
+        return {eta: tau for eta, tau, misfit in candidates if misfit - least <= CHI2_95}
 
 
 def fit(

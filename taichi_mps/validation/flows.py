@@ -185,8 +185,8 @@ def couette():
 def cessation(flow):
     """Developed flow, then the drive stops: when it is at rest. Constants: length H (half width of the channel, gap of
     Couette), speed V = tau_y H/(eta Bn), time rho H^2/eta."""
-    known, length, speed = columns("B_cessation_summary.csv", flow=flow), 0.05, 0.1
-    for bn, pressure, stop in zip(known["Bn"], known["G0"], known["T_stop"], strict=True):
+    reference, length, speed = columns("B_cessation_summary.csv", flow=flow), 0.05, 0.1
+    for bn, pressure, stop in zip(reference["Bn"], reference["G0"], reference["T_stop"], strict=True):
         tau_y, weight = bn * ETA * speed / length, pressure * (ETA * speed / length**2)
         gap, start = length, lambda y: speed * y / length
         if flow == "poiseuille":

@@ -33,9 +33,9 @@ def front_errors(times, front):
     """Errors of the front [m] at these times [s] beside Martin and Moyce, whose column is COLUMN wide, up to the wall:
     the largest relative error as a function of the delay of their gate [sqrt(a/2g)], the delay up to 0.3 with which it
     is least, and how many points were compared."""
-    known = columns("C_dambreak_front_martin_moyce_koshizuka.csv", dataset="martin_moyce_a2.25in_n2=2")
+    reference = columns("C_dambreak_front_martin_moyce_koshizuka.csv", dataset="martin_moyce_a2.25in_n2=2")
     t, reach = np.asarray(times) * (2 * 9.81 / COLUMN) ** 0.5, np.asarray(front) / COLUMN
-    at, z = known["t*sqrt(2g/a)"], known["z/a"]
+    at, z = reference["t*sqrt(2g/a)"], reference["z/a"]
     covered = (at < t[-1]) & (z < 3.9)
 
     def error(delay):
@@ -78,19 +78,19 @@ def dam_break_pressure():
 
     _, times, pressures = record(scene, sensor)
     times = times * (9.81 / height) ** 0.5
-    known, grid = columns("C_dambreak_pressure_buchner.csv", sensor="P1"), np.linspace(3.0, 5.0, 200)
-    wanted = np.interp(grid, known["t_star"], known["p_star"]).mean()
+    reference, grid = columns("C_dambreak_pressure_buchner.csv", sensor="P1"), np.linspace(3.0, 5.0, 200)
+    wanted = np.interp(grid, reference["t_star"], reference["p_star"]).mean()
 
     def hit(t, p):  # when half of the plateau is reached
         k = int(np.argmax(p > 0.5 * wanted))
         return float(np.interp(0.5 * wanted, p[k - 1 : k + 1], t[k - 1 : k + 1]))
 
-    arrival = hit(times, pressures[:, 0]) / hit(known["t_star"], known["p_star"])
+    arrival = hit(times, pressures[:, 0]) / hit(reference["t_star"], reference["p_star"])
     yield Measured("time at which half of the plateau is reached, relative error", arrival - 1, 0.03)
     for band, p in zip(bands, pressures.T, strict=True):
         plateau = np.interp(grid, times, p).mean() / wanted - 1
         yield Measured(f"plateau (t* 3 to 5) {band}, relative error", float(plateau), 0.1)
-        yield Measured(f"highest spike {band} over the experiment's", float(p.max() / known["p_star"].max()), 2.0)
+        yield Measured(f"highest spike {band} over the experiment's", float(p.max() / reference["p_star"].max()), 2.0)
 
 
 # ---- free bodies ----------------------------------------------------------------------------------------------
@@ -128,7 +128,7 @@ def square_patch(across):
     l0 = 1.0 / across
     x = mps.fill(mps.Box((-0.5, -0.5), (0.5, 0.5)), l0)
     scene = free_body("square patch", x, np.column_stack([x[:, 1], -x[:, 0]]), l0, 2.0)
-    s, known = run(scene, 2.0).snapshot(), columns("C_square_patch_bem.csv", wt=2.0)
+    s, reference = run(scene, 2.0).snapshot(), columns("C_square_patch_bem.csv", wt=2.0)
     r, angle = np.hypot(*s.x.T), np.arctan2(s.x[:, 1], s.x[:, 0])
     sector = np.floor((angle / (2 * np.pi) + 0.5) * 60).astype(int) % 60
     reach = np.array([r[sector == k].max(initial=0.0) + 0.5 * l0 for k in range(60)])
@@ -136,8 +136,8 @@ def square_patch(across):
     middle = middle[np.hypot(*middle.T) < 0.25]
     gap = max(np.sqrt(((s.x - point) ** 2).sum(1).min()) for point in middle)
     return [
-        Measured("waist, relative error", float(reach.min() / known["r_min_N240"][0] - 1), 0.1),
-        Measured("arms shorter than a lower bound", float(max(0.0, 1 - reach.max() / known["r_max_N240"][0])), 0.1),
+        Measured("waist, relative error", float(reach.min() / reference["r_min_N240"][0] - 1), 0.1),
+        Measured("arms shorter than a lower bound", float(max(0.0, 1 - reach.max() / reference["r_max_N240"][0])), 0.1),
         Measured("angular momentum lost", float(1 - spin(s.x, s.u) / spin(x, scene.velocity)), 0.01),
         Measured("kinetic energy lost", float(1 - (s.u**2).sum() / (scene.velocity**2).sum()), 0.05),
         Measured("largest hole in the middle, radius less that of a lattice", float(gap / l0 - 0.71), 0.3, "l0"),

@@ -30,10 +30,10 @@ def tests() -> dict[tuple[str, float, float], tuple[np.ndarray, np.ndarray]]:
 
 def flow_curve(fluid: str, low=RATES[0], high=RATES[1]) -> tuple[np.ndarray, np.ndarray]:
     """Shear rates [1/s] and stresses [Pa] of the rheometer between two rates."""
-    known = columns(CURVES)
-    selected = np.char.startswith(known["sample"], FLUIDS[fluid][0])
-    selected &= (known["shear_rate_1_s"] >= low) & (known["shear_rate_1_s"] <= high)
-    return known["shear_rate_1_s"][selected], known["shear_stress_pa"][selected]
+    curves = columns(CURVES)
+    selected = np.char.startswith(curves["sample"], FLUIDS[fluid][0])
+    selected &= (curves["shear_rate_1_s"] >= low) & (curves["shear_rate_1_s"] <= high)
+    return curves["shear_rate_1_s"][selected], curves["shear_stress_pa"][selected]
 
 
 def herschel_bulkley(rate, stress) -> dict[str, float]:
@@ -61,19 +61,19 @@ def course(**settings):
 def offset(courses: dict) -> float:
     """Offset [s] of the films' time, one for all tests, with which the computed fronts (times and values by test) are
     nearest to the measured ones of the first EARLY frames, by squares over the last measured front."""
-    known = tests()
+    fronts = tests()
 
     def misfit(shift):
-        errors = [np.interp(known[key][0] + shift, *course) - known[key][1] for key, course in courses.items()]
-        return sum(np.sum((each[:EARLY] / known[key][1][-1]) ** 2) for key, each in zip(courses, errors, strict=True))
+        errors = [np.interp(fronts[key][0] + shift, *course) - fronts[key][1] for key, course in courses.items()]
+        return sum(np.sum((each[:EARLY] / fronts[key][1][-1]) ** 2) for key, each in zip(courses, errors, strict=True))
 
     return float(min(OFFSETS, key=misfit))
 
 
 def front_errors(courses: dict, shift: float, at: float = LAST) -> dict:
     """Computed less measured front [m] at a time [s] of the film, by test."""
-    known = tests()
-    return {key: float(np.interp(at + shift, *course) - np.interp(at, *known[key])) for key, course in courses.items()}
+    fronts = tests()
+    return {key: float(np.interp(at + shift, *course) - np.interp(at, *fronts[key])) for key, course in courses.items()}
 
 
 def dam_breaks(spacing: float):

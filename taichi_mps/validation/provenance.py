@@ -47,8 +47,8 @@ def head(folder: Path) -> dict:
 def origin(results) -> str:
     """Origin of results as a sentence: commits, dates and processors, and of how many no commit is kept."""
     heads = [result.get("machine") or {} for result in results]
-    known = sorted({(h["commit"], h["date"], h["processor"]) for h in heads if isinstance(h, dict) and h.get("commit")})
-    texts = [f"commit {commit}, {day}, {processor}" for commit, day, processor in known]
+    runs = sorted({(h["commit"], h["date"], h["processor"]) for h in heads if isinstance(h, dict) and h.get("commit")})
+    texts = [f"commit {commit}, {day}, {processor}" for commit, day, processor in runs]
     if without := sum(not (isinstance(h, dict) and h.get("commit")) for h in heads):
         texts.append(f"no commit is kept of {without} of {len(heads)} results")
     return f"*Made with: {'; '.join(texts)}.*"

@@ -69,15 +69,15 @@ def inertial(tau_y: float, eta: float = 50.0, pi_c: float | None = None) -> tupl
     """Times [s], slumps and spreads [m] of the finite elements with inertia, by their time up to 5 s: of the true
     Bingham material, or of the bi-viscosity law."""
     wanted = {"model": "B" if pi_c else "A", "tau_Pa": tau_y, "eta_Pa_s": eta, "gc_1_s": 2.0 * (pi_c or 0.0)}
-    known = columns("A_fe_inertial_slump_summary.csv", **wanted)
-    at = ~np.char.startswith(known["kind"], "final")
-    return known["time_s"][at], 1e-3 * known["mean20_mm"][at], 1e-3 * known["spread_mm"][at]
+    reference = columns("A_fe_inertial_slump_summary.csv", **wanted)
+    at = ~np.char.startswith(reference["kind"], "final")
+    return reference["time_s"][at], 1e-3 * reference["mean20_mm"][at], 1e-3 * reference["spread_mm"][at]
 
 
 def final_shape(tau_y: float) -> np.ndarray:
     """(r, z) [m] of the true Bingham body at the end, from the contact line to the axis."""
-    known = columns("A_fe_inertial_slump_shapes.csv", model="A", tau_Pa=tau_y, eta_Pa_s=50.0)
-    return np.column_stack([known["r_m"], known["z_m"]])
+    reference = columns("A_fe_inertial_slump_shapes.csv", model="A", tau_Pa=tau_y, eta_Pa_s=50.0)
+    return np.column_stack([reference["r_m"], reference["z_m"]])
 
 
 # ---- the cone with inertia -------------------------------------------------------------------------------------
@@ -142,8 +142,8 @@ def two_viscosities():
 
 def time_to_spread(spacing, model="full"):
     """Time to a slump flow of 40 and 50 cm; the reference time is proportional to the viscosity."""
-    eta, known = 1000.0, columns("A_fe_slump_T500.csv", tau0_Pa=50.0)
-    exact = dict(zip(known["D_mm"], known["t_s_mu100"] * eta / 100.0, strict=True))
+    eta, reference = 1000.0, columns("A_fe_slump_T500.csv", tau0_Pa=50.0)
+    exact = dict(zip(reference["D_mm"], reference["t_s_mu100"] * eta / 100.0, strict=True))
     mix = {"yield_value": 50.0, "plastic_viscosity": eta}
 
     def read(sim):
@@ -180,8 +180,8 @@ def block(number, across=40) -> mps.Scene:
 
 def runout_error(number, s) -> float:
     """Relative error [%] of the farthest reach + l0/2, the mean of both sides, of a ``block``."""
-    known = columns("B_fe_block2d_final.csv", B=number)
-    return percent(0.5 * (np.ptp(s.x[:, 0]) + s.spacing), 0.2 * known["x_max_final"][0])
+    reference = columns("B_fe_block2d_final.csv", B=number)
+    return percent(0.5 * (np.ptp(s.x[:, 0]) + s.spacing), 0.2 * reference["x_max_final"][0])
 
 
 def block_at_rest(number):

@@ -46,9 +46,9 @@ def top_speed(solid, across, b) -> float:
 
 def threshold(reference, solid, across):
     """Critical tau_y/(rho g H) to 1 %, by four bisections of +-15 % about the middle of the reference's bracket."""
-    known = columns("B_fe_initial_velocity_threshold.csv", case=reference)
-    moving = known["v_max"] > 1e-6
-    flows, stands = float(known["B"][moving].max()), float(known["B"][~moving].min())
+    table = columns("B_fe_initial_velocity_threshold.csv", case=reference)
+    moving = table["v_max"] > 1e-6
+    flows, stands = float(table["B"][moving].max()), float(table["B"][~moving].min())
     middle = 0.5 * (flows + stands)
     low, high = 0.85 * middle, 1.15 * middle
     for _ in range(4):

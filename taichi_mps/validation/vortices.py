@@ -157,8 +157,8 @@ def standing_wave():
     _, times, amplitude = record(scene, read, period / 40, 3 * period)
     times, exact = times / period, columns("C_standing_wave_prosperetti.csv", Re=250.0)
     wanted = np.interp(times, exact["t/T"], exact["a/a0_prosperetti"])
-    found, known = zeros(times, amplitude), zeros(times, wanted)
-    late = found[4] / known[4] - 1 if len(found) > 4 else np.inf
+    found, reference = zeros(times, amplitude), zeros(times, wanted)
+    late = found[4] / reference[4] - 1 if len(found) > 4 else np.inf
     share = np.dot(amplitude, wanted) / np.dot(wanted, wanted)
     return [
         Measured("amplitude, largest error, over that at the start", float(np.abs(amplitude - wanted).max()), 0.03),

@@ -79,7 +79,7 @@ def dimensions(scene, measures, low, high, front) -> list[dict]:
     faces = np.concatenate(scene.vessel) if len(scene.vessel) else np.array([low, high])
     begin, end, near = faces[:, 0].min(), faces[:, 0].max(), min(y, max(low[1], faces[:, 1].min()))
     gate = min((x for x in faces[:, 0] if begin < x < end), default=begin)
-    known = {  # ends in the plane, and y of the near side
+    lines = {  # ends in the plane, and y of the near side
         "spread_m": lambda d: ((-0.5 * d, 0.0, floor), (0.5 * d, 0.0, floor), -0.5 * d),
         "front_m": lambda d: ((begin, y, floor), (begin + d, y, floor), near),
         "flow_m": lambda d: ((front - d, y, floor), (front, y, floor), near),
@@ -87,10 +87,10 @@ def dimensions(scene, measures, low, high, front) -> list[dict]:
         "h2_m": lambda d: ((end, y, floor), (end, y, floor + d), near),
     }
     if scene.mould:
-        known["slump_m"] = lambda d: ((0.0, 0.0, scene.mould.height), (0.0, 0.0, scene.mould.height - d), 0.0)
+        lines["slump_m"] = lambda d: ((0.0, 0.0, scene.mould.height), (0.0, 0.0, scene.mould.height - d), 0.0)
     found = []
-    for key in known.keys() & {key for key, length in measures.items() if least < length < np.inf}:
-        a, b, side = known[key](measures[key])
+    for key in lines.keys() & {key for key, length in measures.items() if least < length < np.inf}:
+        a, b, side = lines[key](measures[key])
         text = f"{title(key)} {written(key, measures[key])}"
         found.append({"a": [*map(float, a)], "b": [*map(float, b)], "near": float(side), "text": text})
     return sorted(found, key=lambda one: one["text"])
