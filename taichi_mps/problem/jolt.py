@@ -24,12 +24,12 @@ class Jolt:
     pivot : tuple of float, length d, optional
         Point of the axis [m], the origin by default.
     axis : tuple of float, length 3, optional
-        Direction of the axis [-], ignored in two dimensions.
+        Direction of the axis [-]; None in two dimensions.
 
     Raises
     ------
     SceneError
-        If the vectors differ in length, or a rotation in three dimensions has no axis.
+        If the vectors differ in length, or a rotation has no axis in three dimensions or one in two.
 
     Notes
     -----
@@ -52,7 +52,8 @@ class Jolt:
 
     def __post_init__(self):
         d = len(self.velocity)
-        sizes = {"pivot": self.pivot, "axis": self.axis if d == 3 else None}
+        sizes = {"pivot": self.pivot, "axis": self.axis}
+        require(d == 3 or self.axis is None, f"jolt: axis = {self.axis}: must be left out in two dimensions")
         for key, value in sizes.items():
             require(value is None or len(value) == d, f"jolt: {key} = {value}: must have {d} numbers, as velocity has")
         has_axis = d == 2 or (self.axis is not None and np.any(self.axis))
