@@ -59,7 +59,9 @@ def command_words(path: Path) -> list[str]:
     from tomlkit.exceptions import TOMLKitError
 
     try:
-        case = tomlkit.parse(ordinary(f"case = {path}", path, MAX_BYTES).read_text(encoding="utf-8")).unwrap()
+        data = ordinary(f"case = {path}", path, MAX_BYTES).read_bytes()
+        encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"  # of PowerShell, of Notepad
+        case = tomlkit.parse(data.decode(encoding)).unwrap()
     except (OSError, UnicodeError) as error:
         raise SceneError(f"case = {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
     except TOMLKitError as error:
@@ -67,25 +69,26 @@ def command_words(path: Path) -> list[str]:
     source = case.pop("scene", None)
     require(
         isinstance(source, str),
-        f"case = {path}: scene is missing; must be one of {', '.join(catalogue.names())}, or a file",
+        f"case = {path}: scene {'is missing' if source is None else f'= {source}'}; "
+        f"must be one of {', '.join(catalogue.names())}, or a file",
     )
     if source.endswith(".py"):
         source = str(path.parent / user_path(source))
     function = catalogue.load(source)
     given: dict = {}
     for section, keys in case.items():
-        require(
-            section in SECTIONS and isinstance(keys, dict),
-            f"case = {path}: unknown section '{section}'{suggestion(section, SECTIONS)}",
-        )
+        require(section in SECTIONS, f"case = {path}: unknown section '{section}'{suggestion(section, SECTIONS)}")
+        require(isinstance(keys, dict), f"case = {path}: {section} = {keys}: must be one section, [{section}]")
         if duplicates := sorted(given.keys() & keys.keys()):
             raise SceneError(f"case = {path}: {duplicates[0]} is given twice")
         given |= keys
     known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
-    options = []
+    options, words = [], {}
     for word, value in given.items():
         name = word if word in known else KEYS.get(word, word)
         require(name in known, f"case = {path}: unknown key '{word}'{suggested(word, known)}")
+        require(name not in words, f"case = {path}: {word} is given twice, also as {words.get(name)}")
+        words[name] = word
         switch = known[name][1].annotation is bool
         require(
             isinstance(value, bool) == switch,

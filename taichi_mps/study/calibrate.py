@@ -16,6 +16,7 @@ from ..units import (
     Flag,
     Length,
     Only,
+    Place,
     SceneError,
     Speed,
     Viscosity,
@@ -135,7 +136,7 @@ def emulators_of(measured: dict, study=None) -> dict[str, Emulator]:
 
 @checked
 def calibrate(
-    test: Measurements, study: str | None = None, check: Flag = True, lift_speed: Speed | None = None
+    test: Measurements, study: Place | None = None, check: Flag = True, lift_speed: Speed | None = None
 ) -> Calibration:
     """Find yield stress and plastic viscosity of a mix from what was measured of it.
 

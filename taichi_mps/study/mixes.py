@@ -17,8 +17,9 @@ from ..spelling import in_unit, without_unit
 from ..units import Count, File, Place, SceneError, Text, require, suggestion, unit_of, user_path, validated
 from ..viz.plots import COLOURS
 from . import tables
-from .calibrate import CONE_RESULTS, FIELD_OF_RESULT, Measurements, calibrate
+from .calibrate import CONE_RESULTS, FIELD_OF_RESULT, Measurements, calibrate, dimensions
 from .calibration import BINGHAM, CONSTANT_UNITS, FRICTIONAL, NAMES, Calibration, Constant, is_time, rounded
+from .emulator import emulator_of
 from .sweep import executor_of
 from .tables import COLUMN_NAMES, ROW_ERROR, key_of, match_column
 
@@ -42,6 +43,7 @@ OTHER_TESTS = {  # {beginning of a column's key: what this unused measurement is
 FIELDS = {key_of(name): name for name in Measurements.model_fields}
 FIELDS |= {key_of(word): field for field, words in COLUMN_NAMES.items() for word in words.split()}
 FIELDS |= {f"{key}error": f"{field}_error" for key, field in FIELDS.items() if field in FIELD_OF_RESULT.values()}
+NOT_MEASURED = {"", "-", "–", "—", "n/a", "#n/a", "n.a."}  # cells without a measurement
 SECONDS_PER_MIX = 0.05  # CPU time of a calibration [s]
 RESULT_COLUMN = re.compile(  # name of a column that a table of results adds
     rf"(verdict|reason|({'|'.join(FRICTIONAL)})_(found|lower|upper|from|by_.+)|({'|'.join(NAMES)})_(model|missed))"
@@ -81,7 +83,10 @@ def read_list(path: File) -> list[dict[str, str]]:
     file."""
     rows, fields = tables.read_list(path), {}
     for column in (name for name in rows[0] if name):
-        field, _ = field_and_unit(column)
+        try:
+            field, _ = field_and_unit(column)
+        except SceneError as error:
+            raise SceneError(f"table = {path}: {error}") from None
         require(
             field is None or field not in fields,
             f"table = {path}: '{fields.get(field)}' and '{column}' are both {field}; must be one column",
@@ -108,7 +113,7 @@ def measurements_of(row: dict[str, str]) -> dict[str, str]:
     found = {}
     for column, value in row.items():
         field, unit = field_and_unit(column)
-        if field and value and value.strip():
+        if field and value and value.strip().casefold() not in NOT_MEASURED:
             found[field] = f"{value} {unit * without_unit(value)}".strip()
     return {name: value for name, value in found.items() if name.removesuffix("_error") in found}
 
@@ -121,8 +126,13 @@ def has_zero_slump(measured: dict[str, str]) -> bool:
 
 
 def without_slump(measured: dict[str, str]) -> dict[str, str]:
-    """Return the measurements of a mix without slump: a slump as large as its error, and no slump flow."""
-    slump_error = Measurements(**measured | {"slump": "1"}).slump_error
+    """Return the measurements of a mix without slump: a slump as large as its error, and no slump flow. SceneError for
+    results of a mix that flows."""
+    test, (_, base, _) = Measurements(**measured | {"slump": "1"}), dimensions(emulator_of())
+    flows = [name for name in ("t500", "mini_cone", "v_funnel") if name in measured]
+    flows += ["slump flow"] * bool(test.spread and test.spread - 3.0 * test.spread_error > base)
+    require(not flows, f"slump = 0 m: such a mix has no {flows}; the slump's cell must be empty if it was not measured")
+    slump_error = test.slump_error
     kept = {name: value for name, value in measured.items() if name in ("rho", "plastic_viscosity", "slump_error")}
     return kept | {"slump": str(slump_error)}
 
@@ -209,6 +219,7 @@ def calibrate_list(
         not workers or executor in (None, "local"),
         f"workers = {workers}: are processes of this machine; must be left out with {executor}",
     )
+    emulator_of(study)  # refused once, not for each row
     open_pool = executor_of(executor, workers, None)[0] if executor else nullcontext
     found, futures = [], []
     with open_pool() as pool:

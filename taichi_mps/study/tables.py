@@ -41,6 +41,11 @@ COLUMN_NAMES = {
 }
 IGNORED_WORDS = {"value", "mean", "average", "avg", "measured", "test", "the", "of", "fresh", "concrete"}
 IGNORED_WORDS |= {"wert", "mittelwert", "diameter", "平均"}
+# two kana or kanji, or one apart from letters; one beside letters is an apostrophe, a dash or oe of cp1252
+SHIFT_JIS = re.compile(
+    rb"[\x81-\x9f][\x40-\xfc][\x81-\x9f\xe0-\xef][\x40-\xfc]"
+    rb"|(?<![A-Za-z\x80-\xff])[\x81-\x9f][\x40-\xfc](?![A-Za-z\x80-\xff])"
+)
 BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 STANDARD = re.compile(r"(?i)(en|din|jis|jsce|astm|iso|bs|nf)\b")  # number of a standard in brackets
 UNIT = r"mm|cm|dm|m|in|inch|inches|ft|s|sec|min|kg/m\^?3|t/m\^?3|g/cm\^?3|kg/l|lb/ft\^?3|k?Pa|Pa[ .·*]?s|秒|sek\.?"
@@ -108,7 +113,7 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
 def decoded(data: bytes) -> str:
     """Decode a file: UTF-8, UTF-16 by its mark, or what Excel writes in Japan (Shift-JIS) and western Europe."""
     utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-    japanese = re.search(rb"[\x81-\x9f][\x40-\xfc]", data)  # a kana or a kanji; a letter with an accent is above
+    japanese = SHIFT_JIS.search(data)
     for encoding, may_be in (("utf-16", utf16), ("utf-8-sig", True), ("cp932", japanese)):
         if may_be:
             with suppress(UnicodeDecodeError):
@@ -137,6 +142,7 @@ def match_column(column: str, fields: dict[str, str], unit_of) -> tuple[str | No
     """
     text = unicodedata.normalize("NFKC", column)
     name, units = BRACKETS.sub(" ", text).strip(), [unit.strip() for unit in BRACKETS.findall(text)]
+    units = [re.sub(r"(?i)^in\s+", "", unit) for unit in units]
     found, units = fields.get(key_of(name)), [unit for unit in units if is_unit(unit, fields)]
     if not found and (tail := NAME_AND_UNIT.fullmatch(name)):
         found, units = fields.get(key_of(tail[1])), [tail[2]]

@@ -69,6 +69,12 @@ def test_a_case_of_a_scene_of_ones_own_names_its_file_from_where_the_case_lies(t
         ("scene = 'slump'\n[mixx]\nyield_value = 3", "unknown section 'mixx', did you mean 'mix'?"),
         ("scene = 'slump'\nyield_value = 3", "unknown section 'yield_value'"),
         ("scene = 'slump'\n[mix]\nyield_value = 3\n[test]\nyield_value = 4", "yield_value is given twice"),
+        (
+            "scene = 'slump'\n[mix]\nyield_value = 3\nyield_stress = 4",
+            "yield_stress is given twice, also as yield_value",
+        ),
+        ("scene = 'slump'\n[[mix]]\nyield_value = 3", r"must be one section, .mix."),
+        ("scene = 3", "scene = 3; must be one of dam_break"),
         ("scene = 'slump'\n[mix]\nyield_value = [3, 4]", "yield_value = .3, 4.: must be a number or a text"),
         ("scene = 'slump'\n[mix]\nyield_value = true", "yield_value = true: must be no switch"),
         ("scene = 'slump'\n[output]\nbeads = 1", "beads = 1: must be true or false"),
@@ -94,6 +100,12 @@ def test_new_prints_a_case(tmp_path, capsys):
     assert main(["new", "wall", "--rate=10 l/s"]) == 0
     path.write_text(capsys.readouterr().out, encoding="utf-8")
     assert planned("run", [str(path)])[2].scene.parameters["rate"] == 0.01
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_a_case_may_be_written_by_powershell_or_notepad(tmp_path, encoding):
+    (tmp_path / "case.toml").write_text('scene = "slump"\r\n[mix]\r\nyield_value = 60.0\r\n', encoding=encoding)
+    assert planned("run", [str(tmp_path / "case.toml")])[2].scene.parameters["yield_value"] == 60.0
 
 
 def test_a_key_may_have_the_name_of_its_option(tmp_path):

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -207,6 +208,8 @@ ROWS = [(0.185, 0.321), (0.21, 0.344)]  # slump and slump flow [m] of the lists 
         "mix\tslump [cm], mean\tspread [cm]\r\nA\t18,5\t32,1\r\nB\t21\t34,4\r\n".encode("utf-16"),
         "mix;Setzmaß [cm];Setzfließmaß [cm]\nfür Röhre;18,5;32,1\nB – neu;21;34,4\n".encode("cp1252"),
         "配合;スランプ（cm）;スランプフロー（cm）\r\n普通;18.5;32.1\r\nB;21;34.4\r\n".encode("cp932"),
+        "l’hiver;Affaissement [cm];Étalement (in cm);T500\nBœuf;18,5;32,1;-\n…;21;34,4;#N/A\n".encode("cp1252"),
+        "mix;slump [cm];spread [cm];T500 [秒]\nA;18,5;32,1;\nB;21;34,4;-\n".encode("cp932"),
         "# Slump, 2026\n#\nslump [cm],mix,spread [cm]\n18.5,#1,32.1\n21,#2,34.4\n",
         "#,slump [cm],spread [cm]\n#1,18.5,32.1\n#2,21,34.4\n",
         "sep=;\r\nslump [cm];spread [cm]\r\n18,5;32,1\r\n21;34,4\r\n",
@@ -283,6 +286,27 @@ def test_what_a_list_cannot_say_is_told_and_its_own_columns_are_kept(tmp_path, c
     assert first["'=2*3"] == "'@SUM(A1)" and last["'=2*3"] == "-5" and last["mix"] == "#4"
     again = read_list(tmp_path / "mixes-calibrated.csv")
     assert {"verdict (given)", "verdict (given) (given)"} <= again[0].keys()
+
+
+@pytest.mark.parametrize(
+    ("row", "flows"),
+    [({"spread": "0.65", "t500": "3"}, r"\['t500', 'slump flow'\]"), ({"v_funnel": "9"}, "v_funnel")],
+    ids=str,
+)
+def test_a_mix_without_slump_that_flows_is_refused(row, flows):
+    """Nor is a slump of 0 m read beside a slump flow or a time of flow, which would be left out."""
+    (row,) = calibrate_list([{"slump": "0"} | row])
+    assert row["verdict"] == "refused" and re.search(f"such a mix has no .*{flows}", row["reason"])
+
+
+def test_a_list_is_looked_up_in_a_study(tmp_path):
+    """The package's own table of the cone, named as a study, gives the same mix; one that is not there is refused
+    before the first row."""
+    (own,), rows = calibrate_list([{"slump": "0.18", "spread": "0.32"}]), [{"slump": "0.18", "spread": "0.32"}]
+    (again,) = calibrate_list(rows, str(Path(tables.__file__).with_name("slump.csv")))
+    assert again["yield_value_found"] == own["yield_value_found"]
+    with pytest.raises(mps.SceneError, match="nowhere"):
+        calibrate_list(rows, tmp_path / "nowhere")
 
 
 def test_no_slump_with_so_large_an_error_that_any_mix_stands_is_refused():
