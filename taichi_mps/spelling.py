@@ -61,7 +61,7 @@ pound_force_per_square_inch = pound_force / inch ** 2 = psi = PSI
 kip_per_square_inch = kip / inch ** 2 = ksi
 pound_force_per_square_foot = pound_force / foot ** 2 = psf
 pound_per_cubic_foot = pound / foot ** 3 = pcf
-poise = 0.1 pascal * second = P = Ps
+poise = 0.1 pascal * second = P
 stokes = 1e-4 meter ** 2 / second = St
 centipoise_ = centipoise = cps = cp = CP = CPS
 second_to_the_n = [time_to_the_n] = sn
