@@ -194,6 +194,105 @@ def test_files_as_other_programs_write_them(tmp_path):
         read_mesh(tmp_path / "cube.dxf")
 
 
+HEAD, FACET = 84, 50  # bytes of a binary STL file before its triangles, and of each
+
+
+def test_an_stl_file_is_read_where_all_its_triangles_are_there(tmp_path):
+    """Bytes after the last triangle, a last line that is missing or misspelled, any line ends and any name."""
+    text, binary = as_text(box()).encode(), stl(tmp_path / "cube.stl", box()).read_bytes()
+    contents = [binary + rest for rest in (b"\n", bytes(7), bytes(512))]
+    contents += [text.replace(b"endsolid cube\n", last) for last in (b"", b"end solid cube\n")]
+    contents += [text.replace(b"\n", ends) for ends in (b"\r", b"\r\n")]
+    names = (b"gr\xfc\xdf", "\u578b".encode(), b"endsolid", b"facet vertex 1 2 3", b"")
+    contents += [text.replace(b"cube", name) for name in names]
+    for content in contents:
+        (tmp_path / "cube.stl").write_bytes(content)
+        points, triangles, said = told(tmp_path / "cube.stl")
+        assert volume(points, triangles) == pytest.approx(1.0) and len(triangles) == 12 and not said
+
+
+def test_an_stl_file_that_is_cut_or_of_another_format_is_told_as_such(tmp_path):
+    text, binary = as_text(box()).encode(), stl(tmp_path / "cube.stl", box()).read_bytes()
+    facets = text.split(b"endfacet")
+    bad = {
+        binary[: HEAD + 10 * FACET]: "is damaged: holds 10 of 12 triangles",
+        binary[: HEAD + 12 * FACET - 1]: "is damaged: holds 11 of 12 triangles",
+        binary + binary[HEAD : HEAD + 2 * FACET]: "is damaged: holds 14 of 12 triangles",
+        b"endfacet".join(facets[:8])[:-9]: "is damaged: holds 7 of 8 triangles",
+        text[: text.index(b"endfacet")]: "is damaged: holds 0 of 1 triangles",
+        b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n": "is no STL; must have facets",
+        b"ply\nformat ascii 1.0\n" + 100 * b"comment\n": "is no STL; must have facets",
+    }
+    for content, message in bad.items():
+        (tmp_path / "cut.stl").write_bytes(content)
+        with pytest.raises(mps.SceneError, match=f"mesh .*cut.stl: {message}"):
+            read_mesh(tmp_path / "cut.stl")
+
+
+NOTCH = [(0, 0), (90, 0), (90, 90), (60, 90), (60, 30), (30, 30), (30, 90), (0, 90)]
+ANGLE = [(0, 0), (80, 0), (80, 40), (40, 40), (40, 80), (0, 80)]
+PARTS = {
+    "notch": ([(0, 0, 90, 30), (0, 0, 30, 90), (60, 0, 90, 90)], NOTCH),
+    "angle": ([(0, 0, 80, 40), (0, 0, 40, 80)], ANGLE),
+}
+
+
+def prism(path, outline, start, turn):
+    """An OBJ or PLY file of a prism of 60 over an outline, its caps one polygon each from a corner ``start`` on."""
+    n, k = len(outline), np.arange(len(outline))
+    corners = np.vstack([np.c_[outline, np.full(n, z)] for z in (0.0, 60.0)]) @ turn.T
+    faces = [np.roll(k[::-1], start), np.roll(k + n, start), *np.stack([k, (k + 1) % n, (k + 1) % n + n, k + n], 1)]
+    if path.suffix == ".obj":
+        lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {' '.join(map(str, face + 1))}" for face in faces]
+    else:
+        lines = ["ply", "format ascii 1.0", f"element vertex {2 * n}", *(f"property double {axis}" for axis in "xyz")]
+        lines += [f"element face {n + 2}", "property list uchar int vertex_indices", "end_header"]
+        lines += [f"{x} {y} {z}" for x, y, z in corners] + [f"{len(f)} {' '.join(map(str, f))}" for f in faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def distance_to_prism(x, outline, parts):
+    """Exact signed distance (n,) of points (n, 3) to a prism of 60 over an outline that boxes (k, 4) fill."""
+    start, along = np.array(outline, float), np.roll(outline, -1, axis=0) - np.array(outline, float)
+    beside = x[:, None, :2] - start
+    share = np.clip((beside * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
+    flat = np.linalg.norm(beside - share[..., None] * along, axis=-1).min(axis=1)
+    inside = [np.all((x[:, :2] > part[:2]) & (x[:, :2] < part[2:]), axis=1) for part in np.array(parts)]
+    both = np.stack([np.where(np.any(inside, axis=0), -flat, flat), np.abs(x[:, 2] - 30.0) - 30.0])
+    return np.linalg.norm(np.maximum(both, 0.0), axis=0) + np.minimum(both.max(axis=0), 0.0)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+@pytest.mark.parametrize("name", PARTS)
+def test_faces_that_are_concave_polygons_are_cut_into_triangles_within_them(tmp_path, name, suffix):
+    """The distance of a prism with a notch is exact, whichever corner its caps begin with and however it is turned."""
+    parts, outline = PARTS[name]
+    x = np.random.default_rng(3).uniform(-30.0, 120.0, (2000, 3))
+    x[:13] = np.c_[np.full(13, 45.0), np.arange(45.0, 110.0, 5.0), np.full(13, 30.0)]  # through the mouth of the notch
+    right = distance_to_prism(x, outline, parts)
+    for start in range(len(outline)):
+        turn = np.linalg.qr(np.random.default_rng(start).normal(size=(3, 3)))[0] if start else np.eye(3)
+        turn *= np.linalg.det(turn)
+        points, triangles, said = told(prism(tmp_path / f"prism.{suffix}", outline, start, turn), max_length=500.0)
+        assert mesh_distance(x @ turn.T, points, triangles) == pytest.approx(right, abs=1e-9) and not said
+
+
+def test_an_obj_file_counts_its_corners_from_one_or_backwards(tmp_path):
+    """A relative index counts from the last corner before it; 0 and corners that are not there are refused, and unused
+    corners are no part of the body."""
+    quads = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+    corners = "".join("v {} {} {}\n".format(*corner) for corner in CORNERS)
+    faces = "".join("f {}//1 {}//1 {}//1 \\\n {}//1\n".format(*quad) for quad in quads - 8)
+    (tmp_path / "cube.obj").write_text(f"{corners}{faces}v 9 9 9\n")
+    points, triangles, said = told(tmp_path / "cube.obj")
+    assert volume(points, triangles) == pytest.approx(1.0) and points.max() == 1.0 and not said
+    for face in ("0 1 2", "1 2 99", "-9 -1 -2"):
+        (tmp_path / "cube.obj").write_text(f"{corners}{faces}f {face}\n")
+        with pytest.raises(mps.SceneError, match="cube.obj: damaged; a triangle names a point that is not there"):
+            read_mesh(tmp_path / "cube.obj")
+
+
 # a box 30 mm away from the origin along y, and a round post
 STEP = Path(__file__).parents[1] / "reference" / "parts.step"
 BLOCK, RADIUS = (20.0, 10.0, 5.0), 10.0  # sides of the box, radius of the post [mm]
