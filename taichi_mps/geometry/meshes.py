@@ -23,7 +23,9 @@ Sides = Annotated[Count, Field(ge=3, le=1000)]
 
 FORMATS, STEP = ("stl", "obj", "ply"), ("step", "stp")
 MAX_BYTES = 5e8  # size of a mesh file: ten million triangles
-ROUNDING = 1e-5  # distance of corners that are one, over the largest coordinate: text has six figures, 32 bits seven
+ROUNDING = 1e-5  # distance of corners that are one, over the size: text has six figures, 32 bits seven
+STEPS = 2.0  # that distance over the last place of the coordinates as written, which is coarser far from the origin
+MAX_STEPS = 1e-3  # that distance over the size beyond which corners are not merged: parts of the body would vanish
 MAX_LENGTH_IN_REACHES = 500.0  # a mesh longer than this times the grid's ``reach`` is in millimetres; a scene has 100
 MAX_FOLD = 1e-3  # depth over length to which a surface may cross itself, as small fillets do
 
@@ -74,11 +76,12 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
     require(whole, f"mesh {path}: damaged; a triangle names a point that is not there")
     used, faces = np.unique(faces, return_inverse=True)
     with np.errstate(over="ignore"):
-        corners = corners[used] * scale
-    require(np.all(np.isfinite(corners)), f"mesh {path}: a coordinate is not a finite number [m]")
-    points, inverse = np.unique(corners, axis=0, return_inverse=True)
+        corners, scaled = corners[used], corners[used] * scale
+    require(np.all(np.isfinite(scaled)), f"mesh {path}: a coordinate is not a finite number [m]")
+    points, inverse = np.unique(scaled, axis=0, return_inverse=True)
     triangles = inverse.reshape(-1)[faces.reshape(-1, 3)]  # STL repeats each corner
-    size, rounding = np.ptp(points, axis=0), ROUNDING * np.abs(points).max()
+    size, largest, steps = np.ptp(points, axis=0), np.abs(points).max(), STEPS * last_place(corners) * scale
+    rounding = min(ROUNDING * largest, max(ROUNDING * size.max(), steps))
     require(
         size.min() > 0.0 and size.max() <= max_length,
         f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most {max_length:.4g} m "
@@ -86,6 +89,11 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
     )
     triangles_kept = drop_degenerate(triangles)
     if len(open_edges(triangles_kept)):
+        require(
+            rounding <= MAX_STEPS * size.max(),
+            f"mesh {path}: is not closed, and coordinates of up to {largest:.4g} m are too coarse to tell which of its "
+            f"corners are one: steps of {steps / STEPS:.2g} m for {size.max():.4g} m in all; must be near the origin",
+        )
         first = np.arange(len(points))
         for group in clusters(points, rounding):
             first[group] = min(group)
@@ -248,6 +256,18 @@ def drop_degenerate(triangles):
     return triangles[np.sort(good[np.unique(group[good], return_index=True)[1]])]
 
 
+def last_place(coordinates):
+    """Return the unit in the last place of the largest coordinates as written: 32 bits, or six figures or more."""
+    large = coordinates[np.abs(coordinates) >= 0.1 * np.abs(coordinates).max()]
+    with np.errstate(over="ignore"):
+        bits = large.astype(np.float32)
+    if np.array_equal(large, bits):
+        return float(np.spacing(np.abs(bits).max()))
+    decade = np.floor(np.log10(np.abs(large).max()))
+    units = 10.0 ** (decade - np.arange(5, 16))
+    return next(u for u in units if np.allclose(np.round(large / u), large / u, rtol=1e-13, atol=0.0))
+
+
 def heights(corners):
     """Heights [m] of triangles, (n, 3, 3), on their longest sides."""
     sides = corners - np.roll(corners, 1, axis=1)
@@ -400,7 +420,7 @@ def mesh_distance(x, points, triangles):
     if unit_normals(points[triangles]).any(axis=1).all():
         return distance
     winding = igl.fast_winding_number(points, triangles, x)  # 1 inside; right also for degenerate triangles, but slow
-    clear = (np.abs(winding - 0.5) > 0.25) & (np.abs(distance) > ROUNDING * np.abs(points).max())
+    clear = (np.abs(winding - 0.5) > 0.25) & (np.abs(distance) > ROUNDING * np.ptp(points, axis=0).max())
     return np.where(clear & (distance * (0.5 - winding) < 0.0), -distance, distance)
 
 

@@ -105,6 +105,36 @@ def test_a_mesh_is_the_solid_that_was_meant(tmp_path, name):
     assert np.mean(mesh_distance(x, points, faces) < 0.0) == pytest.approx(right / np.prod(size), abs=0.03)
 
 
+@pytest.mark.parametrize("offset", [0.0, 1e5, 4e5])
+def test_thin_bodies_stay_however_far_from_the_origin_they_are(tmp_path, offset):
+    """A bar 4 mm thick beside a cube, whose corners differ in the last of 12 figures, is whole at 0, 100 and 400 m."""
+    triangles = np.vstack([box((0, 0, 0), (40, 40, 40)), box((60, 0, 0), (64, 4, 40))])
+    triangles[0, 0, 0] += 1e-6
+    (tmp_path / "bar.stl").write_text(as_text(triangles + offset, ".12g"))
+    points, faces, said = told(tmp_path / "bar.stl", scale=1e-3)
+    assert volume(points - points.min(axis=0), faces) == pytest.approx(1e-9 * (40**3 + 4 * 4 * 40), rel=1e-4)
+    assert "1 corners merged with others within 6.4e-07 m" in said and "triangles" not in said
+    lost = "1 thinner bodies would be lost, the first of 0.004 x 0.004 x 0.04 m"
+    with pytest.warns(UserWarning, match="1 corners merged"), pytest.raises(mps.SceneError, match=lost):
+        mps.Solid.from_mesh(tmp_path / "bar.stl", 0.005, 0.03, scale=1e-3)
+
+
+def test_corners_are_merged_within_the_last_place_of_a_file_and_refused_where_that_is_coarse(tmp_path):
+    """The corners of a cube of 40 mm, one last place of 32 bits apart, are one at 100 m, but not at 1000 m."""
+    cube = box((0, 0, 0), (40, 40, 40))
+    for offset in (1e5, 1e6):
+        apart = np.float32(cube + offset)
+        apart[::2] = np.nextafter(apart[::2], np.float32(2e6))
+        path = stl(tmp_path / "cube.stl", apart)
+        if offset == 1e5:
+            points, faces, said = told(path, scale=1e-3)
+            assert volume(points - points.min(axis=0), faces) == pytest.approx(6.4e-5, rel=1e-3) and "merged" in said
+    with pytest.raises(
+        mps.SceneError, match="cube.stl: is not closed, .* steps of 6..e-05 m for 0.04.* near the origin"
+    ):
+        read_mesh(path, scale=1e-3)
+
+
 def bars(overlap):
     """Three square bars across three, 12 mm thick, that overlap by so many mm."""
     along = [box((-100, p - 6, -6), (100, p + 6, 6)) for p in (-50, 0, 50)]
@@ -159,11 +189,11 @@ def test_a_mesh_that_cannot_be_repaired_is_refused(tmp_path, triangles, message)
         mps.Solid.from_mesh(path, cell=0.005, reach=0.03)
 
 
-def as_text(triangles):
-    """The text of an STL file."""
+def as_text(triangles, figures="e"):
+    """The text of an STL file, its numbers in a format."""
     corners = "".join(
         "facet normal 0 0 0\nouter loop\n"
-        + "".join("vertex {:e} {:e} {:e}\n".format(*corner) for corner in triangle)
+        + "".join(f"vertex {x:{figures}} {y:{figures}} {z:{figures}}\n" for x, y, z in triangle)
         + "endloop\nendfacet\n"
         for triangle in triangles
     )
