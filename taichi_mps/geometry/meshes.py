@@ -36,8 +36,8 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
     """Read closed bodies as a triangle mesh and repair it, with a warning that lists the repairs.
 
     Corners within rounding of each other become one where the surface is not closed without that; triangles without
-    area, or written twice, are dropped; bodies that touch or overlap are united; a body that stands alone inside out is
-    turned.
+    area, written twice or back to back are dropped; bodies that touch or overlap are united; a body that stands alone
+    inside out is turned.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
         f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most {max_length:.4g} m "
         f"long (read with scale = {scale:g}; scale = 0.001 for a file in mm)",
     )
-    triangles_kept = drop_degenerate(triangles)
+    triangles_kept, opposed = drop_degenerate(triangles)
     if len(open_edges(triangles_kept)):
         require(
             rounding <= MAX_STEPS * size.max(),
@@ -98,7 +98,7 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
         for group in clusters(points, rounding):
             first[group] = min(group)
         repairs += [f"{np.sum(first != np.arange(len(first)))} corners merged with others within {rounding:.2g} m"]
-        triangles_kept = drop_degenerate(first[triangles])
+        triangles_kept, opposed = drop_degenerate(first[triangles])
         with_area = triangles_kept[heights(points[triangles_kept]) > rounding]
         if not len(open_edges(with_area)):
             triangles_kept = with_area
@@ -107,8 +107,10 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
             f"mesh {path}: {len(edges)} of its edges belong to one triangle only, or two triangles face against each "
             f"other, the first {point_text(points[edges[0]].mean(axis=0))}; must be closed"
         )
-    if len(triangles_kept) < len(triangles):
-        repairs += [f"{len(triangles) - len(triangles_kept)} triangles without area or written twice left out"]
+    if opposed:
+        repairs += [f"{opposed} triangles back to back left out, of sheets without thickness or between bodies"]
+    if dropped := len(triangles) - len(triangles_kept) - opposed:
+        repairs += [f"{dropped} triangles without area or written twice left out"]
     points, triangles_kept, united = unite_bodies(path, points, triangles_kept, rounding)
     if repairs + united:
         warnings.warn(f"mesh {path}: {'; '.join(repairs + united)}", stacklevel=3)
@@ -246,14 +248,16 @@ def bodies_of_step(path, name, tolerance):
 
 
 def drop_degenerate(triangles):
-    """Return the triangles without those that have two equal corners.
+    """Return the triangles without those that have two equal corners, and how many lay back to back.
 
     Of several triangles on the same corners one is kept, and none where as many face one way as the other.
     """
     orientation = np.prod(np.sign(triangles - np.roll(triangles, 1, axis=1)), axis=1)  # 0: two corners are equal
     group = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
-    good = np.flatnonzero((orientation != 0) & (orientation == np.sign(np.bincount(group, orientation))[group]))
-    return triangles[np.sort(good[np.unique(group[good], return_index=True)[1]])]
+    net = np.bincount(group, orientation)[group]
+    good = np.flatnonzero((orientation != 0) & (orientation == np.sign(net)))
+    kept = triangles[np.sort(good[np.unique(group[good], return_index=True)[1]])]
+    return kept, np.count_nonzero((orientation != 0) & (net == 0.0))
 
 
 def last_place(coordinates):

@@ -59,6 +59,7 @@ def by_a_rounding(cube):
     return cube + np.random.default_rng(1).uniform(-2e-6, 2e-6, cube.shape)
 
 
+SHEET = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.5, 1.0, 1.0)]  # on an edge of the cube
 CAVE = (0.25,) * 3, (0.75,) * 3
 GRAIN = (0.4,) * 3, (0.6,) * 3
 SOLIDS = {  # triangles, volume of the solid, what is said
@@ -70,9 +71,18 @@ SOLIDS = {  # triangles, volume of the solid, what is said
     "every triangle twice": (np.repeat(box(), 2, axis=0), 1.0, "12 triangles without area or written twice left out"),
     "some triangles twice": (np.vstack([box(), box()[2:5]]), 1.0, "3 triangles without area or written twice left out"),
     "corners a rounding apart": (by_a_rounding(box()), 1.0, "corners merged with others within 1e-05 m"),
+    "a sheet on its edge": (
+        np.vstack([box(), [SHEET, SHEET[::-1]]]),
+        1.0,
+        "2 triangles back to back left out, of sheets without thickness",
+    ),
     "an edge in common": (np.vstack([box(), box((1, 1, 0), (2, 2, 1))]), 2.0, "1 contacts of 2 bodies united"),
     "a corner in common": (np.vstack([box(), box((1, 1, 1), (2, 2, 2))]), 2.0, "1 contacts of 2 bodies united"),
-    "a face in common": (np.vstack([box(), box((1, 0, 0), (2, 1, 1))]), 2.0, "4 triangles"),
+    "a face in common": (
+        np.vstack([box(), box((1, 0, 0), (2, 1, 1))]),
+        2.0,
+        "4 triangles back to back left out, .* or between bodies",
+    ),
     "a part of a face": (np.vstack([box(), box((1, 0.2, 0.3), (1.5, 0.7, 0.8))]), 1.125, "1 contacts of 2 bodies"),
     "overlap": (
         np.vstack([box(), box((0.9, 0.2, 0.2), (1.9, 0.8, 0.8))]),
