@@ -390,7 +390,7 @@ def test_a_damaged_step_file_is_one_line_and_what_is_missing_is_named(assembly, 
         with pytest.raises(mps.SceneError, match="mesh .*parts.step: (cannot be read as STEP|.* bodies: )"):
             read_mesh(assembly, body="none")
     assert capfd.readouterr() == ("", "")
-    monkeypatch.setattr("taichi_mps.geometry.meshes.find_spec", lambda name: None)
+    monkeypatch.setattr("taichi_mps.geometry.mesh_files.find_spec", lambda name: None)
     with pytest.raises(
         mps.SceneError, match=r'parts.step: a STEP file needs cascadio: pip install "taichi-mps\[step\]"'
     ):
