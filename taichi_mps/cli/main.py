@@ -37,7 +37,7 @@ from .options import (
     read_back,
     tell,
 )
-from .run import carry_out, describe_run, draw_curves, make_clock, print_result, redraw, start_taichi
+from .run import carry_out, complete, describe_run, draw_curves, make_clock, print_result, redraw, start_taichi
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme that does not come to rest
@@ -45,6 +45,7 @@ TARGET_MISSED = 1  # exit code of validate if a target is missed
 RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
 KEPT_OPTIONS = ["scheme", "precision", "out", "overwrite"]  # options of a run that resume cannot change
+STILL_USED = "until", "plots", "quiet", "verbose"  # options of resume where nothing is left to compute
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
@@ -126,15 +127,29 @@ def resume(arguments) -> int:
     state, remark = checkpoint.read_good(newest)
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
-    options = Run(**{**state.header["settings"], **given(arguments, Run, leave_out=KEPT_OPTIONS)})
-    state.header["numerics"].update(given(arguments, Remedy))
-    passed = state.header["time"]
+    settings, passed = state.header["settings"], state.header["time"]
+    changed, remedy = given(arguments, Run, leave_out=KEPT_OPTIONS), given(arguments, Remedy)
+    options = Run(**{**settings, **changed})
+    state.header["numerics"].update(remedy)
     if arguments.until and options.until < passed - INSTANT:
         raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")
     folder.check_frames()
     with lock.held(folder.path):
+        summary = folder.summary_at(passed)
+        limited = summary.get("stopped_by") == "time"
+        unused = ", ".join(key for key in changed | remedy if key not in STILL_USED)
+        if summary and not (limited and arguments.until and options.until > passed + INSTANT):
+            told = "; --until TIME goes on" if limited else ", it is at rest"
+            told += f"; without effect: {unused}" if unused else ""
+            print(plain(f"taichi-mps: run = {folder.path}: nothing left to compute{told}"), file=sys.stderr)
+            return complete(folder, summary, options, settings.get("every"), arguments.scene, arguments.json)
         scene = state.scene(options.until, arguments.scene)
-        problem = state.admit(replace(scene, until=options.until or scene.until))
+        scene = replace(scene, until=options.until or scene.until)
+        is_over = scene.until <= passed + INSTANT
+        require(
+            not (is_over and unused), f"{unused}: nothing is left to compute; must be left out, or with a later until"
+        )
+        problem = state.admit(scene)
         clock = make_clock(problem, options)
         start_taichi(options)
         sim = state.resume(problem, profile=options.profile)

@@ -100,14 +100,34 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     summary |= clock.finish(sim.steps if is_whole else 0)
     folder.write_summary(summary)
     folder.clock.unlink(missing_ok=True)
+    code = show_result(summary, folder, options, as_json, sim.profile())
+    return 128 + signals[0] if stopped_by == "interrupted" else code
+
+
+def complete(folder, summary, options, every, scene_file, as_json) -> int:
+    """Make only what is missing of a run that has ended, as of one killed before its report: animation of pictures
+    ``every`` [s] apart, report and curves; and show its result."""
+    from ..viz.render import gif
+
+    if folder.pictures and not folder.animation.is_file():
+        gif(folder.pictures, folder.animation, every=every)
+    if not folder.report.is_file():
+        write_report(folder, scene_file=scene_file)
+    draw_curves(folder, options.verbose, courses=options.plots and not (folder.path / PLOTS[1]).exists())
+    folder.clock.unlink(missing_ok=True)
+    return show_result(summary, folder, options, as_json)
+
+
+def show_result(summary, folder, options, as_json, stages=()) -> int:
+    """Print the result of a run, and its error if it has one; return the exit code."""
     if as_json:
         print(json.dumps(summary))
     elif not options.quiet:
-        print_result(summary, folder, options.verbose, sim.profile())
-    if error:
-        print(f"taichi-mps: {plain(error)}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
-        return DIVERGED
-    return 128 + signals[0] if stopped_by == "interrupted" else DONE
+        print_result(summary, folder, options.verbose, stages)
+    if "error" not in summary:
+        return DONE
+    print(f"taichi-mps: {plain(summary['error'])}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
+    return DIVERGED
 
 
 @contextmanager
@@ -228,12 +248,12 @@ def draw_curves(folder, numerics=False, sim=None, courses=True) -> list[str]:
     return [str(path) for path in (slump, course, filling) if path.is_file()]
 
 
-def write_report(folder, scene=None) -> bool:
+def write_report(folder, scene=None, scene_file=None) -> bool:
     """Write report.html; returns whether it was written. A failure prints one line and does not end the run."""
     from ..report.page import write
 
     try:
-        return write(folder, scene).is_file()
+        return write(folder, scene, scene_file).is_file()
     except (SceneError, OSError) as error:
         print(f"taichi-mps: no report.html: {plain(error)}", file=sys.stderr)
     return False

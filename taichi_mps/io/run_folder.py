@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path
 
@@ -34,6 +35,7 @@ RUN_FILES = (
 PLOTS = ("slump.png", "history.png", "filling.png")
 REPORT = "report.html"
 CLOCK_FILE = "clock.json"  # while a run goes on: seconds passed and left of it, and its measures
+ENDED = "rest", "time", "unyielded"  # values of ``stopped_by`` of a run that has come to its end
 PICTURE_NAME = re.compile(r"frame_\d{5,}\.png")
 
 
@@ -102,7 +104,7 @@ class RunFolder:
             there = {item.name for item in path.iterdir()} - {lock.NAME} if path.exists() else set()
         require(not there or self.ours, f"out = {path}: holds other files and no run; must be a new or empty folder")
         if there and not overwrite:
-            done = read_json(self.summary).get("stopped_by") in ("rest", "time", "unyielded")
+            done = read_json(self.summary).get("stopped_by") in ENDED
             other = f"'taichi-mps resume {path}' goes on with it, " if self.resumable and not done else ""
             raise SceneError(f"out = {path}: holds a run already; {other}--overwrite replaces it")
         self.check_frames()
@@ -184,6 +186,24 @@ class RunFolder:
         facts = read_json(self.summary)
         require(facts.pop(CHECKSUM, None) == facts_checksum(facts), f"run = {self.path}: its summary.json is damaged")
         return facts
+
+    def summary_at(self, time: float) -> dict:
+        """Read summary.json if the run has come to its end at a time.
+
+        Parameters
+        ----------
+        time : float
+            Time of its checkpoint [s].
+
+        Returns
+        -------
+        dict
+            Results and settings of the run; empty if it has not ended then, or the file is missing or damaged.
+        """
+        with suppress(SceneError):
+            facts = self.read_summary()
+            return facts if facts.get("stopped_by") in ENDED and facts.get("simulated_seconds") == time else {}
+        return {}
 
     def verify(self) -> None:
         """Check that summary, history and outputs are as they were written.

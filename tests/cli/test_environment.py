@@ -1,6 +1,7 @@
 """Unusual environments of the program: without streams, in another encoding or home, with little memory; each run ends
 as it should or is refused in one line."""
 
+import json
 import os
 import resource
 import subprocess
@@ -10,11 +11,13 @@ from pathlib import Path
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.cli import run as run_module
+from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder, write_whole
 from taichi_mps.problem import catalogue
 from taichi_mps.units import user_path
 from tests.support.child import ROOT
-from tests.support.recorded import recorded
+from tests.support.recorded import contents, recorded
 
 RUN = ["run", "film", "--spacing=0.02", "--until=0.002", "--threads=1"]
 MAIN = [sys.executable, "-m", "taichi_mps"]
@@ -137,6 +140,65 @@ def test_a_time_limit_that_has_passed_is_refused_and_the_case_stays(run, capsys)
     assert mps.main(["resume", str(run.path), "--until", "10ms"]) == 2
     assert capsys.readouterr().err == "taichi-mps: until = 0.01 s: 0.02 s of the run have passed; must be longer\n"
     assert run.case.read_text(encoding="utf-8") == "until = 1.0"
+
+
+@pytest.fixture
+def ended(tmp_path, monkeypatch):
+    """Folder of a run that has ended after 0.02 s, and a function that ends it."""
+    folder, sim, recorder = recorded(tmp_path / "run", 2)
+    whole = sim.summary
+    monkeypatch.setattr(sim, "summary", lambda: whole() | {"simulated_seconds": sim.time, "wall_seconds": 8.0})
+    folder.report.write_text("the page", encoding="utf-8")
+    folder.case.write_text("until = 0.02", encoding="utf-8")
+    return folder, recorder.finish
+
+
+@pytest.mark.parametrize(
+    ("end", "words", "told"),
+    [
+        ("time", [], "; --until TIME goes on"),
+        ("time", ["--until=20ms"], "; --until TIME goes on"),
+        (
+            "time",
+            ["--courant-number=0.1", "--every=1"],
+            "; --until TIME goes on; without effect: every, courant_number",
+        ),
+        ("rest", ["--until=5"], ", it is at rest"),
+        ("unyielded", ["--note=mine"], ", it is at rest; without effect: note"),
+    ],
+)
+def test_where_nothing_is_left_to_compute_it_is_told_and_all_files_stay(ended, capsys, end, words, told):
+    folder, finish = ended
+    finish(end)
+    before = contents(folder.path)
+    assert mps.main(["resume", str(folder.path), "--json", *words]) == 0
+    out, err = capsys.readouterr()
+    assert err == f"taichi-mps: run = {folder.path}: nothing left to compute{told}\n"
+    assert json.loads(out) == folder.read_summary() and contents(folder.path) == before
+
+
+def test_of_a_run_killed_before_its_report_only_what_is_missing_is_made(ended, monkeypatch):
+    folder, finish = ended
+    finish("time")
+    before = contents(folder.path)
+    folder.report.unlink()
+    folder.tell({})
+    monkeypatch.setattr(run_module, "write_report", lambda folder, **_: folder.report.write_text("the page"))
+    assert mps.main(["resume", str(folder.path), "--quiet"]) == 0
+    assert contents(folder.path) == before
+
+
+def test_numerics_are_refused_where_only_the_summary_is_missing(ended, capsys):
+    folder, finish = ended
+    finish("time")
+    folder.summary.unlink()
+    keywords = checkpoint.read(folder.checkpoint)
+    keywords.header["parameters"]["until"] = 0.02
+    keywords.write(folder.checkpoint)
+    before = contents(folder.path)
+    assert mps.main(["resume", str(folder.path), "--max-time-step=1ms"]) == 2
+    told = "max_time_step: nothing is left to compute; must be left out, or with a later until"
+    assert capsys.readouterr().err == f"taichi-mps: {told}\n" and contents(folder.path) == before
 
 
 def test_a_run_that_ended_before_its_first_checkpoint_is_begun_anew(run, capsys):
