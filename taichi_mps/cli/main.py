@@ -135,6 +135,7 @@ def resume(arguments) -> int:
         raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")
     folder.check_frames()
     with lock.held(folder.path):
+        folder.check_checkpoint(newest, state)
         summary = folder.summary_at(passed)
         limited = summary.get("stopped_by") == "time"
         unused = ", ".join(key for key in changed | remedy if key not in STILL_USED)

@@ -24,7 +24,7 @@ from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
 from ..schemes.step_report import OLD_NAMES
-from ..units import File, SceneError, ordinary, require, user_path, validated, writing
+from ..units import File, SceneError, ordinary, quote, require, unit_of, user_path, validated, writing
 from . import untrusted_hdf5 as untrusted
 
 FORMAT = "taichi_mps checkpoint"
@@ -154,6 +154,33 @@ class Checkpoint:
             "written; must be the same, or handed over: restore(path, scene)",
         )
         return scene
+
+    def differing(self, source: str, parameters: dict) -> str:
+        """Compare the scene with that of another file of the run.
+
+        Parameters
+        ----------
+        source : str
+            Name or file of its function there.
+        parameters : dict
+            Keywords there.
+
+        Returns
+        -------
+        str
+            How they differ; empty where they do not but for the time limit, what depends on it, keywords of other
+            versions, and a file of the user's own, which may have been moved.
+        """
+        require(isinstance(parameters, dict), f"scene = {source}: its parameters are damaged")
+        own, name, builtin = self.header["parameters"], self.header["source"], catalogue.names()
+        if source != name and {source, name} <= set(builtin):
+            return f"scene = {name}, there {source}"
+        free = {"until"} | {key for key in ("critical_strain_rate",) if parameters.get(key) == "rational"}
+        free |= {"plastic_viscosity"} if parameters.get("consistency") is not None else set()
+        keys = sorted(key for key in own.keys() & parameters.keys() - free if own[key] != parameters[key])
+        fields = catalogue.load(name).parameters.model_fields if keys and name in builtin else {}
+        units = {key: unit_of(fields[key]).strip("-") if key in fields else "" for key in keys}
+        return ", ".join(f"{k} = {quote(own[k], units[k])}, there {quote(parameters[k], units[k])}" for k in keys)
 
     def admit(self, scene: Scene) -> Problem:
         """Join a scene with the numerics of the run.

@@ -12,7 +12,7 @@ import numpy as np
 from .. import __version__
 from ..units import Flag, Place, SceneError, ordinary, require, user_path, validated, writing
 from . import lock
-from .history import crc32, read_rows
+from .history import contradiction, crc32, read_history, read_rows
 from .vtkhdf import Trajectory
 
 CHECKSUM = "crc32"  # key of the summary: checksum of all other keys
@@ -204,6 +204,30 @@ class RunFolder:
             facts = self.read_summary()
             return facts if facts.get("stopped_by") in ENDED and facts.get("simulated_seconds") == time else {}
         return {}
+
+    def check_checkpoint(self, path: Path, state) -> None:
+        """Refuse a checkpoint of another run than the one in the folder.
+
+        Parameters
+        ----------
+        path : Path
+            File of the checkpoint.
+        state : Checkpoint
+            Content.
+
+        Raises
+        ------
+        SceneError
+            If its scene is not that of run.h5, or its last step not one of history.csv.
+        """
+        name, report = f"checkpoint {path}: of another run than", state.state["report"]
+        if self.trajectory.is_file():
+            source, parameters, _ = Trajectory(self.trajectory).origin()
+            differing = state.differing(source, parameters)
+            require(not differing, f"{name} {self.trajectory}: {differing}")
+        if self.history.is_file() and isinstance(report, dict):
+            differing = contradiction(read_history(self.history), state.header["time"], report)
+            require(not differing, f"{name} {self.history}: {differing}")
 
     def verify(self) -> None:
         """Check that summary, history and outputs are as they were written.

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -495,6 +496,38 @@ def test_a_rational_rate_stays_as_it_was_when_a_run_goes_on_for_longer(tmp_path)
     state = checkpoint.read(checkpoint.save(Falling(scene), tmp_path / "checkpoint.h5"))
     longer = state.scene(4.0)
     assert longer.until == 4.0 and longer.material == scene.material
+
+
+@pytest.mark.parametrize(
+    ("made", "steps", "told"),
+    [
+        ({"yield_value": 1000.0}, 3, r"run.h5: yield_value = 1000 Pa, there 300 Pa"),
+        ({"dt": 0.015}, 2, r"history.csv: dt_s = 0.015 at 0.03 s, there 0.01"),
+        ({"dt": 0.015}, 1, r"history.csv: no step ended at 0.015 s, but one at 0.02 s that was 0.01 s long"),
+        ({"source": "film"}, 3, r"run.h5: scene = film, there slump"),
+        ({}, 2, ""),
+        ({"until": 2.0}, 3, ""),
+        ({}, 5, ""),  # a power cut took the last rows
+    ],
+)
+def test_a_checkpoint_of_another_run_is_refused(run, made, steps, told):
+    keywords = {key: value for key, value in made.items() if key in ("yield_value", "until")}
+    other = Falling(catalogue.build("slump", **{"spacing": 0.05, "until": 1.0} | keywords), made.get("dt", 0.01))
+    other.record_output = lambda _: None
+    for _ in range(steps):
+        other.step()
+    state = checkpoint.Checkpoint.of(other, made.get("source", "slump"))
+    refused = pytest.raises(mps.SceneError, match=rf"checkpoint a\.h5: of another run than .*{told}$")
+    with refused if told else nullcontext():
+        run.folder.check_checkpoint("a.h5", state)
+
+
+def test_a_checkpoint_may_say_a_keyword_otherwise_than_an_earlier_version():
+    header = {"source": "slump", "parameters": {"critical_strain_rate": 0.1, "plastic_viscosity": None, "new": 1.0}}
+    there = {"critical_strain_rate": "rational", "plastic_viscosity": 50.0, "consistency": 20.0, "old": 2.0}
+    assert checkpoint.Checkpoint(header, {}).differing("slump", there) == ""
+    with pytest.raises(mps.SceneError, match="its parameters are damaged"):
+        checkpoint.Checkpoint(header, {}).differing("slump", None)
 
 
 @pytest.mark.parametrize(

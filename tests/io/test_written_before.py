@@ -45,6 +45,7 @@ def test_a_checkpoint_goes_on_as_it_would_have_gone_on_there(folder):
 
 def test_every_file_is_read(folder):
     folder.verify()
+    folder.check_checkpoint(folder.checkpoint, checkpoint.read(folder.checkpoint))
     summary, history = folder.read_summary(), read_history(folder.history)
     *_, last = Trajectory(folder.trajectory).checked_replay()
     for name, old in OLD_NAMES.items():
@@ -57,6 +58,7 @@ def test_every_file_is_read(folder):
     assert (options.every, options.precision) == (0.02, "f64")
     for name, kind in (("checkpoint.h5", mps.Implicit), ("checkpoint_semi_implicit.h5", mps.SemiImplicit)):
         state = checkpoint.read(folder.path / name)
+        assert state.differing(*Trajectory(folder.trajectory).origin()[:2]) == ""
         assert state.admit(state.scene()).numerics == kind()
         assert StepReport(**state.state["report"]).outer_iterations > 0
     assert Trajectory(folder.trajectory).cut(0.03, 0.02) == 2

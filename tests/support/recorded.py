@@ -56,7 +56,7 @@ class Falling:
 
     def state(self):
         scalars = {"time": self.time, "steps": self.steps, "last_dt": None, "rest": {"since": 0.1 + 0.2}}
-        return {"x": self.snapshot().x, **scalars, "report": {"dt": 0.1}}
+        return {"x": self.snapshot().x, **scalars, "report": {"dt": self.dt}}
 
 
 def recorded(path, steps, end="", scene=None, overwrite=False):
