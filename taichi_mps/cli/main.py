@@ -342,8 +342,8 @@ COMMANDS = {
 
 
 def main(argv=None, more=None) -> int:
-    """Run a command line, of COMMANDS and ``more``; 0 done, 2 bad input, 3 diverged, 130 and 143 ended by Ctrl-C and
-    SIGTERM; of a sweep 1: a case failed. BrokenPipeError where nobody reads what it prints any more."""
+    """Run a command line, of COMMANDS and ``more``; 0 done, 2 bad input, 3 diverged, 130, 143 and 129 ended by Ctrl-C,
+    SIGTERM and SIGHUP; of a sweep 1: a case failed. BrokenPipeError where nobody reads what it prints any more."""
     require(argv is None or isinstance(argv, list | tuple), f"argv = {quote(argv, '')}: must be a list of words")
     prepare_streams()
     argv, commands = [str(word) for word in (sys.argv[1:] if argv is None else argv)], COMMANDS | (more or {})

@@ -25,7 +25,7 @@ from ..runtime.memory import size
 from ..units import SceneError, plain
 from .case_file import NOT_IN_CASE, case_text
 from .options import DIVERGED, DONE
-from .stopped import SIGNALS, Stopped, program_start, received
+from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
 
 MIN_WIDTH = 40  # least number of columns for the output of a result
 
@@ -132,25 +132,28 @@ def show_result(summary, folder, options, as_json, stages=()) -> int:
 
 @contextmanager
 def interruptible(sim):
-    """Context in which Ctrl-C and SIGTERM finish the step and stop the run, and a second one stops it at once; gives
-    the list of signals received."""
+    """Context in which Ctrl-C, SIGTERM and SIGHUP finish the step and stop the run, and a second one stops it at once;
+    gives the list of signals received."""
 
     signals = []
 
     def stop(number, frame):
+        if number == HANG_UP:
+            leave_terminal()
         signals.append(number)
         if len(signals) > 1:
             raise Stopped(number)
         sim.interrupt()
 
-    before = {number: signal.signal(number, stop) for number in SIGNALS}
+    before = handle(stop)
     for number in received[:1]:  # what was being imported swallowed the exception, as Taichi's modules may
         stop(number, None)
     try:
         yield signals
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number in before:
+            if signal.getsignal(number) == stop:  # a SIGHUP stays ignored after the first one
+                signal.signal(number, before[number])
 
 
 # ---- output of a run ---------------------------------------------------------------------------------------------
