@@ -119,10 +119,7 @@ def resume(arguments) -> int:
     """continue an interrupted run"""
     path = user_path(arguments.run)
     folder = RunFolder(path.parent if path.is_file() else path)
-    require(
-        path.is_file() or folder.resumable or not folder.ours,
-        f"run = {folder.path}: ended before its first checkpoint; 'taichi-mps run' with --overwrite begins it anew",
-    )
+    require(path.is_file() or folder.resumable or not folder.ours, f"run = {folder.path}: {folder.lost}")
     newest = path if path.is_file() else folder.checkpoint
     state, remark = checkpoint.read_good(newest)
     if remark:

@@ -4,7 +4,7 @@ import json
 import os
 import re
 from contextlib import suppress
-from itertools import chain, count
+from itertools import chain, count, islice
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +78,18 @@ class RunFolder:
     def resumable(self) -> bool:
         """Whether there is a checkpoint: a run that ended before its first one, as on a full disk, has none."""
         return self.checkpoint.is_file() or self.checkpoint.with_name("checkpoint.previous.h5").is_file()
+
+    @property
+    def lost(self) -> str:
+        """Text on a run without a checkpoint: whether anything has been computed that a new run would replace."""
+        begun = self.trajectory.is_file() and not self.history.is_file()
+        if self.history.is_file():
+            with open(self.history, "rb") as file:
+                begun = len(list(islice(file, 3))) > 2  # names, start, first step
+        names = [path.name for path in (self.history, self.trajectory, self.summary) if path.is_file()]
+        if begun or self.summary.is_file():
+            return f"its {self.checkpoint.name} is missing; what was computed is in {', '.join(names)}"
+        return "ended before its first checkpoint; 'taichi-mps run' with --overwrite begins it anew"
 
     @property
     def pictures(self) -> list[Path]:
@@ -178,10 +190,9 @@ class RunFolder:
         SceneError
             If the file is missing or damaged.
         """
-        there = (
-            f"'taichi-mps resume {self.path}' goes on with it, 'taichi-mps report {self.path}' shows how far it came"
-        )
-        why = f"did not come to its end: {there}" if self.ours else "holds no summary.json; must be the folder of a run"
+        why = f"'taichi-mps resume {self.path}' goes on with it, 'taichi-mps report {self.path}' shows how far it came"
+        why = f"did not come to its end: {why}" if self.resumable else self.lost
+        why = why if self.ours else "holds no summary.json; must be the folder of a run"
         require(self.summary.is_file(), f"run = {self.path}: {why}")
         facts = read_json(self.summary)
         require(facts.pop(CHECKSUM, None) == facts_checksum(facts), f"run = {self.path}: its summary.json is damaged")

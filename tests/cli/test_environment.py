@@ -201,17 +201,25 @@ def test_numerics_are_refused_where_only_the_summary_is_missing(ended, capsys):
     assert capsys.readouterr().err == f"taichi-mps: {told}\n" and contents(folder.path) == before
 
 
-def test_a_run_that_ended_before_its_first_checkpoint_is_begun_anew(run, capsys):
-    for said, code in (("resume", 2), ("--overwrite replaces it", 2)):
-        assert mps.main(["run", "slump", f"--out={run.path}"]) == code
-        assert said in capsys.readouterr().err
-        for file in (run.checkpoint, run.checkpoint.with_name("checkpoint.previous.h5")):
-            file.unlink(missing_ok=True)
-    assert mps.main(["run", "slump", f"--out={run.path}"]) == 2
+@pytest.mark.parametrize(
+    ("steps", "gone", "told"),
+    [
+        (0, [], "ended before its first checkpoint; 'taichi-mps run' with --overwrite begins it anew"),
+        (1, [], "its checkpoint.h5 is missing; what was computed is in history.csv, run.h5"),
+        (1, ["history.csv"], "its checkpoint.h5 is missing; what was computed is in run.h5"),
+    ],
+)
+def test_both_commands_say_alike_what_a_run_without_checkpoint_holds(tmp_path, capsys, steps, gone, told):
+    folder, *_ = recorded(tmp_path / "run", steps)
+    assert mps.main(["run", "slump", f"--out={folder.path}"]) == 2
+    assert "resume" in capsys.readouterr().err
+    for name in ("checkpoint.h5", *gone):
+        (folder.path / name).rename(folder.path / f"my-{name}")
+    for words in (["resume", str(folder.path)], ["info", str(folder.path)]):
+        assert mps.main(words) == 2
+        assert capsys.readouterr().err == f"taichi-mps: run = {folder.path}: {told}\n"
+    assert mps.main(["run", "slump", f"--out={folder.path}"]) == 2
     assert "resume" not in capsys.readouterr().err
-    assert mps.main(["resume", str(run.path)]) == 2
-    told = f"run = {run.path}: ended before its first checkpoint; 'taichi-mps run' with --overwrite begins it anew"
-    assert capsys.readouterr().err == f"taichi-mps: {told}\n"
 
 
 def test_what_cannot_be_written_whole_leaves_what_was_there(tmp_path, monkeypatch):
