@@ -132,7 +132,7 @@ def resume(arguments) -> int:
         raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")
     folder.check_frames()
     with lock.held(folder.path):
-        folder.check_checkpoint(newest, state)
+        missing = folder.check_checkpoint(newest, state)
         summary = folder.summary_at(passed)
         limited = summary.get("stopped_by") == "time"
         unused = ", ".join(key for key in changed | remedy if key not in STILL_USED)
@@ -152,6 +152,11 @@ def resume(arguments) -> int:
         start_taichi(options)
         sim = state.resume(problem, profile=options.profile)
         clock.begin("ready")
+        if missing:
+            told = f"taichi-mps: run = {folder.path}: holds no {missing}; begun anew at {passed:g} s"
+            print(plain(told), file=sys.stderr)
+        if not folder.ours:
+            folder.mark()
         if remark:
             os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
         source = catalogue.source(arguments.scene or state.header["source"])

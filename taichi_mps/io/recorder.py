@@ -5,7 +5,6 @@ from datetime import datetime
 
 import numpy as np
 
-from ..units import require
 from . import checkpoint
 from .history import History, read_history, row_of
 from .run_folder import RunFolder, strict
@@ -27,11 +26,8 @@ class Recorder:
         self.trajectory = Trajectory(folder.trajectory)
         self.measures = sim.measures()  # of the last step
         resumed = sim.steps > 0 and folder.trajectory.is_file()
-        require(
-            sim.steps == 0 or resumed or not folder.pictures,
-            f"run = {folder.path}: run.h5 is gone, by whose outputs the pictures in frames/ are numbered; move the "
-            "pictures elsewhere, then resume",
-        )
+        if sim.steps > 0:
+            folder.check_pictures()
         self.history = History(folder.history, kept=sim.time if sim.steps > 0 else None)
         if resumed:
             if sim.time < sim.scene.until - 1e-9:  # a finished run keeps its last output

@@ -127,9 +127,25 @@ class RunFolder:
         Raises
         ------
         SceneError
-            If ``frames`` is a link.
+            If ``frames`` is a link or a file.
         """
         require(not self.frames.is_symlink(), f"out = {self.path}: its frames lie elsewhere; must be another folder")
+        good = self.frames.is_dir() or not self.frames.exists()
+        require(good, f"out = {self.path}: {self.frames} is a file; must be a folder or absent")
+
+    def check_pictures(self) -> None:
+        """Refuse to go on with a run whose pictures have lost their outputs.
+
+        Raises
+        ------
+        SceneError
+            If there are pictures but no run.h5.
+        """
+        require(
+            self.trajectory.is_file() or not self.pictures,
+            f"run = {self.path}: run.h5 is gone, by whose outputs the pictures in frames/ are numbered; move the "
+            "pictures elsewhere, then resume",
+        )
 
     @validated
     def create(self, overwrite: Flag = False) -> None:
@@ -148,10 +164,14 @@ class RunFolder:
         self.check(overwrite)
         with writing("out", self.path, " folder"):
             self.path.mkdir(parents=True, exist_ok=True)
-            write_whole(self.path / MARKER_FILE, json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
+            self.mark()
             for name in (*RUN_FILES, *PLOTS, REPORT, CLOCK_FILE):
                 (self.path / name).unlink(missing_ok=True)
             clear_pictures(self.frames)
+
+    def mark(self) -> None:
+        """Mark the folder as that of a run."""
+        write_whole(self.path / MARKER_FILE, json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
 
     def tell(self, progress: dict) -> None:
         """Write the progress of the run for other processes.
@@ -216,7 +236,7 @@ class RunFolder:
             return facts if facts.get("stopped_by") in ENDED and facts.get("simulated_seconds") == time else {}
         return {}
 
-    def check_checkpoint(self, path: Path, state) -> None:
+    def check_checkpoint(self, path: Path, state) -> str:
         """Refuse a checkpoint of another run than the one in the folder.
 
         Parameters
@@ -226,11 +246,20 @@ class RunFolder:
         state : Checkpoint
             Content.
 
+        Returns
+        -------
+        str
+            Names of the files of the run that are missing, empty if there are all.
+
         Raises
         ------
         SceneError
-            If its scene is not that of run.h5, or its last step not one of history.csv.
+            If the folder is not that of a run, has pictures but no run.h5, or the checkpoint's scene is not that of
+            run.h5, or its last step not one of history.csv.
         """
+        known = self.ours or self.trajectory.is_file()
+        require(known, f"run = {self.path}: holds a checkpoint but not its run; must be the whole folder of the run")
+        self.check_pictures()
         name, report = f"checkpoint {path}: of another run than", state.state["report"]
         if self.trajectory.is_file():
             source, parameters, _ = Trajectory(self.trajectory).origin()
@@ -239,6 +268,7 @@ class RunFolder:
         if self.history.is_file() and isinstance(report, dict):
             differing = contradiction(read_history(self.history), state.header["time"], report)
             require(not differing, f"{name} {self.history}: {differing}")
+        return " and no ".join(path.name for path in (self.history, self.trajectory) if not path.is_file())
 
     def verify(self) -> None:
         """Check that summary, history and outputs are as they were written.

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.cli import main as cli
 from taichi_mps.cli import run as run_module
 from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder, write_whole
@@ -199,6 +200,47 @@ def test_numerics_are_refused_where_only_the_summary_is_missing(ended, capsys):
     assert mps.main(["resume", str(folder.path), "--max-time-step=1ms"]) == 2
     told = "max_time_step: nothing is left to compute; must be left out, or with a later until"
     assert capsys.readouterr().err == f"taichi-mps: {told}\n" and contents(folder.path) == before
+
+
+@pytest.mark.parametrize("foreign", [[], ["notes.txt", "history.csv"]])
+def test_a_checkpoint_without_its_run_is_refused_and_nothing_written(run, tmp_path, capsys, foreign):
+    here = tmp_path / "copied"
+    here.mkdir()
+    (here / "checkpoint.h5").write_bytes(run.checkpoint.read_bytes())
+    for name in foreign:
+        (here / name).write_text("mine")
+    before = contents(here)
+    for path in (here, here / "checkpoint.h5"):
+        assert mps.main(["resume", str(path)]) == 2
+        told = f"run = {here}: holds a checkpoint but not its run; must be the whole folder of the run"
+        assert capsys.readouterr().err == f"taichi-mps: {told}\n" and contents(here) == before
+
+
+@pytest.mark.parametrize(
+    ("gone", "told"),
+    [
+        (["history.csv"], "holds no history.csv; begun anew at 0.02 s"),
+        (["history.csv", "run.h5"], "holds no history.csv and no run.h5; begun anew at 0.02 s"),
+        (["taichi_mps.json"], ""),
+    ],
+)
+def test_missing_files_of_a_run_are_told_and_its_mark_is_made_again(run, capsys, monkeypatch, gone, told):
+    for name in gone:
+        (run.path / name).unlink()
+    monkeypatch.setattr(cli, "start_taichi", lambda options: None)
+    monkeypatch.setattr(checkpoint.Checkpoint, "resume", lambda *_, **__: None)
+    monkeypatch.setattr(cli, "carry_out", lambda *_, **__: 0)
+    assert mps.main(["resume", str(run.path)]) == 0 and run.ours
+    assert capsys.readouterr().err == f"taichi-mps: run = {run.path}: {told}\n" * bool(told)
+
+
+def test_a_file_in_the_place_of_the_pictures_is_named(run, capsys):
+    run.frames.rmdir()
+    run.frames.write_text("mine")
+    for words in (["resume", str(run.path)], ["run", "slump", f"--out={run.path}", "--overwrite"]):
+        assert mps.main(words) == 2
+        told = f"out = {run.path}: {run.frames} is a file; must be a folder or absent"
+        assert capsys.readouterr().err == f"taichi-mps: {told}\n"
 
 
 @pytest.mark.parametrize(
