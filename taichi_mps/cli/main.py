@@ -26,6 +26,7 @@ from .options import (
     BAD_INPUT,
     DONE,
     JSON,
+    OutputError,
     Pictures,
     Remedy,
     Run,
@@ -35,6 +36,7 @@ from .options import (
     is_tuple,
     parse_scene,
     read_back,
+    say,
     tell,
 )
 from .run import carry_out, complete, describe_run, draw_curves, make_clock, print_result, redraw, start_taichi
@@ -94,7 +96,7 @@ def run(argv) -> int:
     folder.check(options.overwrite)
     with lock.held(folder.path):
         if not (arguments.json or options.quiet):
-            print(plain("\n".join(describe_run(problem, clock))), flush=True)
+            say(plain("\n".join(describe_run(problem, clock))))
         start_taichi(options)
         from ..simulation.simulation import Simulation
 
@@ -106,7 +108,7 @@ def run(argv) -> int:
 def new(argv) -> int:
     """print a case file, to be changed and run"""
     arguments, options, problem = planned("new", argv)
-    print(case_text(catalogue.source(arguments.scene), problem, options.model_dump()), end="")
+    say(case_text(catalogue.source(arguments.scene), problem, options.model_dump()), end="")
     return DONE
 
 
@@ -345,7 +347,8 @@ COMMANDS = {
 
 def main(argv=None, more=None) -> int:
     """Run a command line, of COMMANDS and ``more``; 0 done, 2 bad input, 3 diverged, 130, 143 and 129 ended by Ctrl-C,
-    SIGTERM and SIGHUP; of a sweep 1: a case failed. BrokenPipeError where nobody reads what it prints any more."""
+    SIGTERM and SIGHUP; of a sweep 1: a case failed. BrokenPipeError where nobody reads what it prints any more,
+    OutputError where that cannot be written."""
     require(argv is None or isinstance(argv, list | tuple), f"argv = {quote(argv, '')}: must be a list of words")
     prepare_streams()
     argv, commands = [str(word) for word in (sys.argv[1:] if argv is None else argv)], COMMANDS | (more or {})
@@ -353,17 +356,17 @@ def main(argv=None, more=None) -> int:
         if not argv or argv[0] in ("-h", "--help"):
             each = [f"  {name:9} {command.__doc__}" for name, command in commands.items()]
             example = "example: taichi-mps run slump --yield-stress 500; its result is renders/slump/report.html"
-            print("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *each, "", example]))
+            say("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *each, "", example]))
             return DONE if argv else BAD_INPUT
         if argv[0] == "--version":
-            print(__version__)
+            say(__version__)
             return DONE
         require(argv[0] in commands, f"unknown command '{argv[0]}'{suggestion(argv[0], commands)}")
         with warnings.catch_warnings():  # a warning is a line and never ends a run, whatever PYTHONWARNINGS says
             warnings.filters = [each for each in warnings.filters if each[0] != "error"]
             warnings.showwarning = lambda message, *_: print(f"taichi-mps: {plain(message)}", file=sys.stderr)
             return commands[argv[0]](argv[1:])
-    except BrokenPipeError:
+    except (BrokenPipeError, OutputError):
         raise
     except (SceneError, OSError, ImportError, MemoryError) as error:  # or the disk is full, memory has an end
         text = error if isinstance(error, OSError) else " ".join(str(error).split()) or "out of memory"

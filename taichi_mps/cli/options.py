@@ -84,9 +84,24 @@ def command(description: str, arguments: dict, models: dict | None = None):
     return of
 
 
+class OutputError(OSError):
+    """Error of the standard output, as of a full disk; other files have a name."""
+
+
+def say(text: str, end="\n") -> None:
+    """Print a result; OutputError where that cannot be written, BrokenPipeError where nobody reads it any more."""
+    try:
+        sys.stdout.write(text + end)  # at once: 'head -1' goes after the first part
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OutputError(error.errno, error.strerror) from None
+
+
 def tell(arguments, facts, text) -> int:
     """Print the facts as JSON with ``--json``, else the text; returns DONE."""
-    print(json.dumps(strict(facts)) if arguments.json else plain(text))
+    say(json.dumps(strict(facts)) if arguments.json else plain(text))
     return DONE
 
 

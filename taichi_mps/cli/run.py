@@ -24,7 +24,7 @@ from ..report.sentences import LEADING, certainty, in_parts, in_time, numerics, 
 from ..runtime.memory import size
 from ..units import SceneError, plain
 from .case_file import NOT_IN_CASE, case_text
-from .options import DIVERGED, DONE
+from .options import DIVERGED, DONE, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
 
 MIN_WIDTH = 40  # least number of columns for the output of a result
@@ -121,7 +121,7 @@ def complete(folder, summary, options, every, scene_file, as_json) -> int:
 def show_result(summary, folder, options, as_json, stages=()) -> int:
     """Print the result of a run, and its error if it has one; return the exit code."""
     if as_json:
-        print(json.dumps(summary))
+        say(json.dumps(summary))
     elif not options.quiet:
         print_result(summary, folder, options.verbose, stages)
     if "error" not in summary:
@@ -213,14 +213,20 @@ def print_result(summary: dict, folder, verbose=False, stages=()) -> None:
     """Print the result: sentences, then each number with its meaning; the numerics with ``verbose`` or ``stages``."""
     console = Console(highlight=False)
     console.width = max(console.width, MIN_WIDTH)
-    for sentence in sentences(summary, folder.path):
-        console.print(sentence, markup=False)
-    shown = Table(show_header=False, box=None)
-    for name, value, what in rows(summary):
-        shown.add_row(escape(name), value, escape(what))
-    console.print(shown)
-    if not (verbose or stages):
-        return
+    with console.capture() as text:  # rich ends the program with 1 where nobody reads
+        for sentence in sentences(summary, folder.path):
+            console.print(sentence, markup=False)
+        shown = Table(show_header=False, box=None)
+        for name, value, what in rows(summary):
+            shown.add_row(escape(name), value, escape(what))
+        console.print(shown)
+        if verbose or stages:
+            console.print(numerics_table(summary, stages))
+    say(text.get(), end="")
+
+
+def numerics_table(summary: dict, stages) -> Table:
+    """Table of the numerics of a run, and of the time that each stage took."""
     shown = Table(title="numerics", show_header=False)
     for name, value in numerics(summary):
         shown.add_row(escape(name), escape(value))
@@ -229,7 +235,7 @@ def print_result(summary: dict, folder, verbose=False, stages=()) -> None:
         each = seconds / max(calls, 1)
         once = "an iteration" if stage == "solve" else "a call"
         shown.add_row(f"stage {stage}", f"{seconds:.2f} s, {seconds / whole:.0%}, {1e3 * each:.3f} ms {once}")
-    console.print(shown)
+    return shown
 
 
 def draw_curves(folder, numerics=False, sim=None, courses=True) -> list[str]:
