@@ -39,7 +39,17 @@ from .options import (
     say,
     tell,
 )
-from .run import carry_out, complete, describe_run, draw_curves, make_clock, print_result, redraw, start_taichi
+from .run import (
+    carry_out,
+    complete,
+    describe_run,
+    draw_curves,
+    make_clock,
+    print_result,
+    redraw,
+    require_slump,
+    start_taichi,
+)
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme that does not come to rest
@@ -85,6 +95,8 @@ def planned(name, argv):
 def run(argv) -> int:
     """compute a scene or a case"""
     arguments, options, problem = planned("run", argv)
+    if arguments.scene in catalogue.names():  # a measure of the user's may need more than the places of particles
+        require_slump(problem.scene)
     clock = make_clock(problem, options)
     if arguments.forecast:
         forecast = describe_run(problem, clock)

@@ -9,6 +9,7 @@ import signal
 import sys
 import warnings
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
 from importlib.util import find_spec
 from itertools import chain
 
@@ -20,9 +21,10 @@ from rich.table import Table
 from ..io.history import read_history
 from ..io.run_folder import PLOTS, clear_pictures, write_whole
 from ..problem.labels import title, written
+from ..problem.measures import still
 from ..report.sentences import LEADING, certainty, in_parts, in_time, numerics, rows, sentences, thin_solids
 from ..runtime.memory import size
-from ..units import SceneError, plain
+from ..units import SceneError, plain, require
 from .case_file import NOT_IN_CASE, case_text
 from .options import DIVERGED, DONE, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
@@ -64,6 +66,15 @@ def describe_run(problem, clock) -> list[str]:
     first = "; shorter the next time" * clock.cold
     time = f"{pours}{takes}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps{first}."
     return [f"{what}; about {needed} of memory.", time, certainty(facts), *thin_solids(facts)]
+
+
+def require_slump(scene) -> None:
+    """Refuse particles so coarse that nothing of the filled body lies at the axis, where its slump is measured."""
+    if scene.measure and len(scene.fluid):
+        filled = replace(still(scene.fluid, scene.spacing), time=scene.until)  # what is known of 0 s tells nothing
+        slump = scene.measure(scene.unfold(filled)).get("slump_m", 0.0)
+        why = "nothing of the filled body lies at the axis, where slump_m is measured; must be smaller"
+        require(not math.isnan(slump), f"spacing = {scene.spacing:g} m: {why}")
 
 
 def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> int:

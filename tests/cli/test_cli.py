@@ -228,6 +228,14 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ),
         ("run wall --length 30", "length = 30 m: must be less than or equal to 24 m"),
         ("run slump --accuracy 5", "accuracy = 5 m: must be at most 0.1 m (0.005 or 5mm for 5 mm)"),
+        (
+            "run mini_cone --spacing 20mm",
+            "spacing = 0.02 m: nothing of the filled body lies at the axis, where slump_m",
+        ),
+        (
+            "run slump --model axisymmetric --spacing 0.1",
+            "spacing = 0.1 m: nothing of the filled body lies at the axis",
+        ),
         ("run film --spacing 10", "spacing = 10 m: larger than the film, 0.1 m deep"),
         ("run wall --spacing 10", "spacing = 10 m: must be at most a third of the hose, 0.04 m"),
         ("calibrate --spread 50", "spread = 50 m: must be less than 3 m; 21cm and 5mm are lengths, too"),
