@@ -167,7 +167,7 @@ def resume(arguments) -> int:
         sim = state.resume(problem, profile=options.profile)
         clock.begin("ready")
         if missing:
-            told = f"taichi-mps: run = {folder.path}: holds no {missing}; begun anew at {passed:g} s"
+            told = f"taichi-mps: run = {folder.path}: {missing} missing; written anew from {passed:g} s on"
             print(plain(told), file=sys.stderr)
         if not folder.ours:
             folder.mark()

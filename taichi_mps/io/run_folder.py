@@ -268,7 +268,7 @@ class RunFolder:
         if self.history.is_file() and isinstance(report, dict):
             differing = contradiction(read_history(self.history), state.header["time"], report)
             require(not differing, f"{name} {self.history}: {differing}")
-        return " and no ".join(path.name for path in (self.history, self.trajectory) if not path.is_file())
+        return " and ".join(path.name for path in (self.history, self.trajectory) if not path.is_file())
 
     def verify(self) -> None:
         """Check that summary, history and outputs are as they were written.

@@ -220,8 +220,8 @@ def test_a_checkpoint_without_its_run_is_refused_and_nothing_written(run, tmp_pa
 @pytest.mark.parametrize(
     ("gone", "told"),
     [
-        (["history.csv"], "holds no history.csv; begun anew at 0.02 s"),
-        (["history.csv", "run.h5"], "holds no history.csv and no run.h5; begun anew at 0.02 s"),
+        (["history.csv"], "history.csv missing; written anew from 0.02 s on"),
+        (["history.csv", "run.h5"], "history.csv and run.h5 missing; written anew from 0.02 s on"),
         (["taichi_mps.json"], ""),
     ],
 )
