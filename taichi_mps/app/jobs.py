@@ -18,7 +18,7 @@ from ..units import plain, user_path
 
 POLL_INTERVAL = 0.5  # time between two checks of a run that was taken over [s]
 SHUTDOWN_TIMEOUT = 30.0  # time for a run to end after Ctrl-C [s]
-SIGNAL_CODES = 128 + signal.SIGINT, 128 + signal.SIGTERM  # exit codes of a command stopped from elsewhere
+SIGNAL_CODES = 129, 130, 143  # exit codes of a command stopped from elsewhere
 MESSAGE_PREFIX = "taichi-mps: "  # beginning of messages of the program
 
 

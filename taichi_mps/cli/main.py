@@ -154,7 +154,7 @@ def resume(arguments) -> int:
             told = "; --until TIME goes on" if limited else ", it is at rest"
             told += f"; without effect: {unused}" if unused else ""
             print(plain(f"taichi-mps: run = {folder.path}: nothing left to compute{told}"), file=sys.stderr)
-            return complete(folder, summary, options, settings.get("every"), arguments.scene, arguments.json)
+            return complete(folder, summary, options, arguments.scene, arguments.json)
         scene = state.scene(options.until, arguments.scene)
         scene = replace(scene, until=options.until or scene.until)
         is_over = scene.until <= passed + INSTANT
@@ -221,8 +221,7 @@ def render(arguments) -> int:
     start_taichi(options)
     suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-beads" * options.beads
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
-    every = Trajectory(folders[0].trajectory).origin()[2]
-    files = redraw(replays, folders[0].path, suffix, options, arguments.film, every)
+    files = redraw(replays, folders[0].path, suffix, options, arguments.film)
     text = f"{files['pictures']} pictures in {files['frames']}, {files.get('film', files['animation'])}"
     return tell(arguments, files, text)
 

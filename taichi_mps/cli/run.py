@@ -103,7 +103,7 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     clock.begin("pictures")
     summary = recorder.finish(stopped_by, error)
     if folder.pictures:
-        gif(folder.pictures, folder.animation, every=clock.every)
+        gif(folder.pictures, folder.animation, every=mean_interval(sim.time, folder.pictures))
     clock.begin("report")
     written, numerics = write_report(folder, sim.scene), options.verbose or options.profile
     draw_curves(folder, numerics, sim, options.plots or numerics or not written or (folder.path / PLOTS[1]).exists())
@@ -115,13 +115,18 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     return 128 + signals[0] if stopped_by == "interrupted" else code
 
 
-def complete(folder, summary, options, every, scene_file, as_json) -> int:
-    """Make only what is missing of a run that has ended, as of one killed before its report: animation of pictures
-    ``every`` [s] apart, report and curves; and show its result."""
+def mean_interval(end: float, pictures: list) -> float:
+    """Mean time [s] between pictures from 0 s to an end [s]: a step longer than the interval asked for has one."""
+    return end / max(len(pictures) - 1, 1)
+
+
+def complete(folder, summary, options, scene_file, as_json) -> int:
+    """Make only what is missing of a run that has ended, as of one killed before its report: animation, report and
+    curves; and show its result."""
     from ..viz.render import gif
 
     if folder.pictures and not folder.animation.is_file():
-        gif(folder.pictures, folder.animation, every=every)
+        gif(folder.pictures, folder.animation, every=mean_interval(summary["simulated_seconds"], folder.pictures))
     if not folder.report.is_file():
         write_report(folder, scene_file=scene_file)
     draw_curves(folder, options.verbose, courses=options.plots and not (folder.path / PLOTS[1]).exists())
@@ -168,9 +173,9 @@ def interruptible(sim):
 
 
 # ---- output of a run ---------------------------------------------------------------------------------------------
-def redraw(replays, folder, suffix, options, film=False, every=None) -> dict:
-    """Draw the outputs of runs, ``every`` [s] apart, again, side by side: pictures, GIF and, on request, MP4. Returns
-    the paths of the files."""
+def redraw(replays, folder, suffix, options, film=False) -> dict:
+    """Draw the outputs of runs again, side by side: pictures, GIF and, on request, MP4. Returns the paths of the
+    files."""
     from ..viz.film import SideBySide, align_in_time, check, mp4
     from ..viz.render import gif
 
@@ -184,7 +189,11 @@ def redraw(replays, folder, suffix, options, film=False, every=None) -> dict:
         clear_pictures(frames)
     except OSError as error:
         raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
-    made = [painter.draw(number, *each) for number, each in enumerate(chain([first], outputs))]
+    made, end = [], 0.0
+    for number, each in enumerate(chain([first], outputs)):
+        end = max(frame.time for frame in each)
+        made.append(painter.draw(number, *each))
+    every = mean_interval(end, made)
     gif(made, animation, width=640 * len(replays), every=every)
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
     return names | ({"film": str(mp4(made, animation.with_suffix(".mp4"), every=every))} if film else {})

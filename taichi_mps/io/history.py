@@ -42,7 +42,6 @@ CHECKSUM = "crc32"  # last column: checksum of the line of the names and of the 
 COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the scene
 RESIDUALS = "strain_rate_residual", "divergence_residual"
 COLUMNS_SINCE_0_2 = {*RESIDUALS, *OLD_NAMES}  # columns that runs until 0.2 may lack
-ROUNDING = 1e-8  # relative error of a number in the file, which has nine digits
 MAX_BYTES = 3e8  # a million rows, in seconds
 
 
@@ -63,7 +62,7 @@ class History:
     def __init__(self, path, kept: float | None = None):
         self.path = user_path(path)
         rows = [] if kept is None or not self.path.is_file() else read_rows(path)
-        rows = [row for row in rows if number(row["time_s"]) <= kept * (1 + ROUNDING)]
+        rows = [row for row in rows if number(row["time_s"]) <= kept * (1 + 1e-8)]  # times have nine digits
         self.empty = not rows
         self._rewrite(rows[0] if rows else COLUMNS, rows)
 
@@ -244,37 +243,6 @@ def read_history(path: File) -> dict[str, np.ndarray]:
     require(Path(path).is_file(), f"run = {Path(path).parent}: holds no history.csv; must be the folder of a run")
     rows = read_rows(path)
     return {key: np.array([number(row[key]) for row in rows]) for key in (rows[0] if rows else COLUMNS)}
-
-
-def contradiction(rows: dict[str, np.ndarray], time: float, report: dict) -> str:
-    """Compare the step that ended at a time with a history.
-
-    Parameters
-    ----------
-    rows : dict of str to ndarray, shape (n,)
-        What ``read_history`` returned.
-    time : float
-        End of the step [s].
-    report : dict
-        Numbers of the step by the attributes of its report.
-
-    Returns
-    -------
-    str
-        How they differ; empty where they do not, or the history has no row of that time: it has none of steps that
-        left particles out, and a power cut may have taken the last ones.
-    """
-    ends = rows["time_s"]
-    k = int(np.searchsorted(ends, time * (1 - ROUNDING)))
-    if k == len(ends) or time <= (ends[k] - rows["dt_s"][k]) * (1 + ROUNDING):
-        return ""
-    if ends[k] > time * (1 + ROUNDING):
-        return f"no step ended at {time:.9g} s, but one at {ends[k]:.9g} s that was {rows['dt_s'][k]:.3g} s long"
-    for column in ("dt_s", "max_speed_m_s", "kinetic_energy_J"):
-        value, found = number(report.get(REPORT_ATTRIBUTES[column])), rows[column][k]
-        if abs(value - found) > ROUNDING * abs(found):
-            return f"{column} = {value:.9g} at {time:.9g} s, there {found:.9g}"
-    return ""
 
 
 def number(text) -> float:

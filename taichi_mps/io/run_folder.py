@@ -12,7 +12,7 @@ import numpy as np
 from .. import __version__
 from ..units import Flag, Place, SceneError, ordinary, require, user_path, validated, writing
 from . import lock
-from .history import contradiction, crc32, read_history, read_rows
+from .history import crc32, read_rows
 from .vtkhdf import Trajectory
 
 CHECKSUM = "crc32"  # key of the summary: checksum of all other keys
@@ -255,19 +255,15 @@ class RunFolder:
         ------
         SceneError
             If the folder is not that of a run, has pictures but no run.h5, or the checkpoint's scene is not that of
-            run.h5, or its last step not one of history.csv.
+            run.h5.
         """
         known = self.ours or self.trajectory.is_file()
         require(known, f"run = {self.path}: holds a checkpoint but not its run; must be the whole folder of the run")
         self.check_pictures()
-        name, report = f"checkpoint {path}: of another run than", state.state["report"]
         if self.trajectory.is_file():
             source, parameters, _ = Trajectory(self.trajectory).origin()
             differing = state.differing(source, parameters)
-            require(not differing, f"{name} {self.trajectory}: {differing}")
-        if self.history.is_file() and isinstance(report, dict):
-            differing = contradiction(read_history(self.history), state.header["time"], report)
-            require(not differing, f"{name} {self.history}: {differing}")
+            require(not differing, f"checkpoint {path}: of another run than {self.trajectory}: {differing}")
         return " and ".join(path.name for path in (self.history, self.trajectory) if not path.is_file())
 
     def verify(self) -> None:

@@ -273,6 +273,15 @@ def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, 
     assert [path.name for path in tmp_path.iterdir()] == ["frames-x"]
 
 
+def test_a_film_tells_its_mean_speed_where_steps_are_longer_than_the_interval(body, tmp_path, monkeypatch):
+    """Three pictures of 0.09 s at ten a second: 0.45 of the speed, whatever interval was asked for."""
+    told, options = [], SimpleNamespace(view="concrete", renderer="software", beads=True)
+    monkeypatch.setattr(render, "with_film_speed", lambda picture, every, fps: told.append(every * fps) or picture)
+    replay = [Frame(body, replace(snapshot(body), time=time)) for time in (0.0, 0.03, 0.09)]
+    assert show.redraw([iter(replay)], tmp_path, "", options)["pictures"] == 3
+    assert told == pytest.approx([0.45] * 3)
+
+
 def test_a_surface_has_the_camera_the_range_and_the_colours_of_the_particles(body):
     spheres, smooth = (render.Renderer(body, view="pressure", beads=on, **SIZE) for on in (True, False))
     assert spheres.limits == smooth.limits
