@@ -67,7 +67,7 @@ def compute(name: str, until: float | None, threads: int) -> None:
     every = EVERY * (1 + (problem.scene.until > OUTPUTS * EVERY))
     costs = Costs(folder.path / "costs.csv", sim)
     recorder = Recorder(folder, sim, every, "wall", {"every": every, "threads": threads})
-    sim.every(every, costs.note)
+    sim.every(every, lambda _: costs.note(sim))
     for number in (signal.SIGINT, signal.SIGTERM):  # ends after a step, with a checkpoint
         signal.signal(number, lambda *_: sim.interrupt())
     stopped_by, error = None, None
