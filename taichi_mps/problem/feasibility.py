@@ -56,29 +56,28 @@ def walls_suit_the_scheme(problem):
         scene.wall_particles is None or scene.walls,
         f"wall_particles: scene {scene.name} has no walls; must also describe them as surfaces",
     )
+    if problem.numerics.walls == "particles":
+        require(
+            not problem.wall_loads,
+            f"wall_loads = True: scheme {problem.scheme} with walls = particles has no surface to measure on; must be "
+            "scheme implicit with walls = surfaces",
+        )
+        of_surfaces = {
+            "is axisymmetric": scene.axisymmetric,
+            "has an inlet": scene.inlets,
+            "has a mirror plane": scene.mirrors,
+            "has a wall that moves or is thin": any(wall.speed > 0.0 or wall.thin for wall in scene.walls),
+            "has a wall that has friction": any(wall.friction for wall in scene.walls),
+            "describes its walls as surfaces only": scene.walls and scene.wall_particles is None,
+        }
+        for what, there in of_surfaces.items():
+            require(not there, f"walls = particles: scene {scene.name} {what}; must be surfaces, scheme implicit")
     for wall in scene.walls:
         smallest = wall.smallest_radius if isinstance(wall, Cylinder) else np.inf
         require(
             smallest > radius,
             f"radius = {smallest:g} m of a curved wall: must be greater than the effective radius, {radius:g} m",
         )
-    if problem.numerics.walls == "surfaces":
-        return
-    require(
-        not problem.wall_loads,
-        f"wall_loads = True: scheme {problem.scheme} with walls = particles has no surface to measure on; must be "
-        "scheme implicit with walls = surfaces",
-    )
-    of_surfaces = {
-        "is axisymmetric": scene.axisymmetric,
-        "has an inlet": scene.inlets,
-        "has a mirror plane": scene.mirrors,
-        "has a wall that moves or is thin": any(wall.speed > 0.0 or wall.thin for wall in scene.walls),
-        "has a wall that has friction": any(wall.friction for wall in scene.walls),
-        "describes its walls as surfaces only": scene.walls and scene.wall_particles is None,
-    }
-    for what, there in of_surfaces.items():
-        require(not there, f"walls = particles: scene {scene.name} {what}; must be surfaces, scheme implicit")
 
 
 # ---- wrong units and origins ---------------------------------------------------------------------------------------
