@@ -81,7 +81,7 @@ def read_list(path: File) -> list[dict[str, str]]:
     """Read the rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units,
     and any others, which are kept; one with a name of the results is kept as `... (given)`. SceneError for any other
     file."""
-    rows, fields = tables.read_list(path), {}
+    rows, fields = with_units_of_first_row(tables.read_list(path)), {}
     for column in (name for name in rows[0] if name):
         try:
             field, _ = field_and_unit(column)
@@ -99,6 +99,19 @@ def read_list(path: File) -> list[dict[str, str]]:
     )
     names = {name: f"{name} (given)" if RESULT_COLUMN.fullmatch(name or "") else name for row in rows for name in row}
     return [{names[name]: cell for name, cell in row.items()} for row in rows]
+
+
+def with_units_of_first_row(rows: list[dict[str, str]]) -> list[dict[str, str]]:
+    """Return the rows with the units of a row of its own, below the header, in the names of the columns."""
+    cells, names = {name: cell.strip("[]() ") for name, cell in rows[0].items() if name and cell}, {}
+    with suppress(SceneError):  # for a cell that is no unit
+        for name, cell in cells.items():
+            field, unit = field_and_unit(name)
+            names |= {name: f"{name} [{cell}]"} if field and not unit else {}
+        are_units = names and all(field_and_unit(name)[1] for name in names.values())
+        if len(rows) > 1 and are_units and rows[0].keys().isdisjoint(names.values()):
+            return [{names.get(name, name): cell for name, cell in row.items()} for row in rows[1:]]
+    return rows
 
 
 def unused(rows: list[dict[str, str]]) -> str:

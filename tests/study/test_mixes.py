@@ -209,6 +209,7 @@ ROWS = [(0.185, 0.321), (0.21, 0.344)]  # slump and slump flow [m] of the lists 
         "mix;Setzmaß [cm];Setzfließmaß [cm]\nfür Röhre;18,5;32,1\nB – neu;21;34,4\n".encode("cp1252"),
         "配合;スランプ（cm）;スランプフロー（cm）\r\n普通;18.5;32.1\r\nB;21;34.4\r\n".encode("cp932"),
         "l’hiver;Affaissement [cm];Étalement (in cm);T500\nBœuf;18,5;32,1;-\n…;21;34,4;#N/A\n".encode("cp1252"),
+        "mix;slump;spread;note\n;[cm];mm;[-]\nA;18,5;321;\nB;21;344;x\n",
         "mix;slump [cm];spread [cm];T500 [秒]\nA;18,5;32,1;\nB;21;34,4;-\n".encode("cp932"),
         "# Slump, 2026\n#\nslump [cm],mix,spread [cm]\n18.5,#1,32.1\n21,#2,34.4\n",
         "#,slump [cm],spread [cm]\n#1,18.5,32.1\n#2,21,34.4\n",
