@@ -620,6 +620,7 @@ def front(s: InstanceOf[Snapshot]) -> dict[str, float]:
     >>> {name: round(value, 3) for name, value in mps.measure.front(body).items()}
     {'front_m': 0.2, 'height_m': 0.1}
     """
+    require(len(s.x), "s: has no particles; must have one or more")
     rows = round(float(np.ptp(s.x[:, 1])) / s.spacing) + 1 if s.x.shape[1] == 3 else 1
     foremost = s.x[np.argsort(-s.x[:, 0], kind="stable")[: 8 * rows]]
     distances = np.linalg.norm(foremost[:, None] - foremost, axis=2) + 9.0 * s.spacing * np.eye(len(foremost))
@@ -721,6 +722,7 @@ def clearance(s: InstanceOf[Snapshot], walls: Sequence[InstanceOf[Surface]]) -> 
     0.01
     """
     require(walls, "walls = (): must be one wall or more")
+    require(len(s.x), "s: has no particles; must have one or more")
     return min(float(wall.distance(s.x, s.time).min()) for wall in walls)
 
 
