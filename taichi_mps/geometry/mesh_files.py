@@ -45,6 +45,7 @@ def corners_and_faces(path, scale, body, tolerance):
     except Exception:
         comma = re.search(rb"^[ \t]*(v|vertex)?([ \t]*[-+]?\d+,\d[-+\de]*){3}\s", data, re.I | re.M)
         why = "its numbers have a decimal comma; must have a point" if comma else "damaged or another format"
+        why += "; faces of a binary PLY must all have as many corners" * (b"format binary" in data[:400])
         raise SceneError(f"mesh {path}: cannot be read as STL, OBJ or PLY ({why})") from None
 
 
@@ -90,6 +91,8 @@ def read_ply(data):
     raw = trimesh.load_mesh(BytesIO(data), file_type="ply", process=False, skip_materials=True).metadata["_ply_raw"]
     name = "vertex_index" if "vertex_index" in raw["face"]["properties"] else "vertex_indices"
     polygons = raw["face"]["data"][name]
+    if len(polygons) < raw["face"]["length"]:
+        raise ValueError("cut")
     corners = np.column_stack([raw["vertex"]["data"][axis] for axis in "xyz"])
     return corners.astype(float), polygons["f1"] if polygons.dtype.names else polygons
 

@@ -426,6 +426,29 @@ def test_files_that_promise_more_than_they_hold(tmp_path):
             read_mesh(tmp_path / name)
 
 
+def test_a_ply_file_is_read_where_all_its_faces_are_there(tmp_path):
+    """A text that ends after the first of two bodies is refused, and a binary file of triangles and quadrilaterals."""
+    head = (
+        "ply\nformat {} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n"
+    )
+    head += "property list uchar int vertex_indices\nend_header\n"
+    corners, faces = np.vstack([np.zeros(3), np.eye(3)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    text = "".join("{} {} {}\n".format(*corner) for corner in corners)
+    text += "".join("3 {} {} {}\n".format(*face) for face in faces)
+    binary = corners.astype("<f4").tobytes() + b"".join(bytes([3]) + np.array(face, "<i4").tobytes() for face in faces)
+    (tmp_path / "body.ply").write_text(head.format("ascii", 4) + text)
+    assert volume(*told(tmp_path / "body.ply")[:2]) == pytest.approx(1.0 / 6.0)
+    mixed = binary + bytes([4]) + np.array([0, 1, 2, 3], "<i4").tobytes()
+    bad = {
+        "ascii": (8, text.encode(), r"\(damaged or another format\)"),
+        "binary_little_endian": (5, mixed, "as many corners"),
+    }
+    for kind, (count, content, message) in bad.items():
+        (tmp_path / "body.ply").write_bytes(head.format(kind, count).encode() + content)
+        with pytest.raises(mps.SceneError, match=f"body.ply: cannot be read .*{message}"):
+            read_mesh(tmp_path / "body.ply")
+
+
 def test_who_waits_for_a_mesh_is_told_how_far_it_is(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(solid, "PROGRESS_INTERVAL", 0.0)
     monkeypatch.setattr(solid, "NODES_PER_CALL", 1000)
