@@ -75,7 +75,7 @@ def read_obj(data):
     """Corners (n, 3) and polygons, each a list of rows of the corners, of the text of an OBJ file."""
     corners, polygons = [], []
     for line in re.sub(rb"\\\r?\n", b"", data).splitlines():
-        words = line.split()
+        words = line.partition(b"#")[0].split()
         if words[:1] == [b"v"]:
             corners.append([float(word) for word in words[1:4]])
         elif words[:1] == [b"f"]:

@@ -219,6 +219,7 @@ def test_files_as_other_programs_write_them(tmp_path):
         "CUBE.STL": text.upper(),
         "two.stl": as_text(box()[:6]) + as_text(box()[6:]),
         "quads.obj": "".join("v {} {} {}\n".format(*corner) for corner in CORNERS) + faces,
+        "notes.obj": "".join("v {} {} {} # a\n".format(*corner) for corner in CORNERS) + faces.replace("\n", " # b\n"),
     }
     for name, content in good.items():
         (tmp_path / name).write_text(content)
