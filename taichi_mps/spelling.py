@@ -39,7 +39,7 @@ hertz = 1 / second = Hz = HZ = hz
 gram = [mass] = g = gm = gms = G
 kilogram_ = kilogram = Kg = KG = kgs = Kgs
 tonne = 1000 kilogram = t = T = to = metric_ton
-pound = 0.45359237 kilogram = lb
+pound = 0.45359237 kilogram = lb = lbm
 ounce = pound / 16 = oz
 newton = kilogram * meter / second ** 2 = N
 joule = newton * meter = J
@@ -107,6 +107,7 @@ REWRITES = [  # patterns in a unit and their replacements, in order; names, '^' 
     (r"‰", " permille "),
     (r"°", " degree "),
     (r"\b(?:pa|PA)(s?)\b", r"Pa\1"),
+    (r"\bU(?=min)", "U "),  # a turn, not a millionth
     (r"\"|''", " inch "),
     (r"'", " foot "),
     (r"\bper\b", "/"),

@@ -123,6 +123,7 @@ def test_any_value_inside_its_range_is_taken_and_kept(density, yield_value, rate
         ("m/s", 0.1, "100 mm/s|0.1 m s-1|0.1 m·s⁻¹|0.1 ms-1|6 m/min|0,36 km/h"),
         ("kg/m3", 2300.0, "2.3 t/m3|2,3 g/cm³|2.3 g/cc|2.3 kg/l|2300 kg m-3|2300 kg m^{-3}|2300 kgm-3|2300 Kg/m3"
          "|2300 kg/cbm|2.3 T/M3|2.3 G/CM3|2300㎏/㎥"),
+        ("kg/m3", 16.018463373960138, "1 lb/ft3|1 lbm/ft3|1 lbs/cu. ft|1 pcf"),
         ("Pa s", 0.3, "300 mPa s|300 mPa·s|300 mPas|300 mPa.s|300 cP|300 cps|3 dPa s|3 poise|0.3 kg/(m s)|0.3 kg/m·s"
          "|0.3 kg/ms"),
         ("Pa s", 50.0, "50 Pas|50 Pa-s|50 Pa*s|50 Ns/m2|50 Nsm-2|50 kg m-1 s-1|50 Pa ⋅ s|50 Pa s|5×10¹ Pa\u2009s"
@@ -132,7 +133,7 @@ def test_any_value_inside_its_range_is_taken_and_kept(density, yield_value, rate
         ("Pa s/m", 5.0, "5 Pa s/m|5 Pa/(m/s)|5 Pa·s·m⁻¹"),
         ("1/s", 0.1, "6 1/min|6 min^-1|6 min⁻¹|6/min|6 per minute|0.1 Hz|0.1 s-1|0.1 (1/s)|0,1 s^(-1)"),
         ("rpm", 30.0, "30 rpm|30 1/min|30 min^-1|30 min⁻¹|30 U/min|30 r/min|0.5 Hz|0,5 rev/s|0.5 s-1|180 °/s|30 RPM"
-         "|30 turns per minute|30 rotations/min|30 r.p.m.|30 r/分"),
+         "|30 turns per minute|30 rotations/min|30 r.p.m.|30 r/分|30 Umin-1|30 Umin⁻¹"),
         ("deg", 36.0, "36°|36 º|36 deg|36 degrees|40 gon"),
         ("-", 0.95, "95 %|0,95|９５％|950 ‰|.95"),
         ("l0", 3.1, "3.1 l0|3,1"),
