@@ -160,7 +160,8 @@ HEADS = {  # by field a cell, its value in SI units, and what people write above
     "t500": (
         "3,5",
         3.5,
-        "T500 [s]|t_500 (s)|T-500 [s]|T50 (sec)|T 500 time [S]|50cmフロー到達時間 (秒)|Ｔ５００［ｓ］|t500_s|T500",
+        "T500 [s]|T500, sec.|t_500 (s)|T-500 [s]|T50 (sec)|T 500 time [S]|"
+        "50cmフロー到達時間 (秒)|Ｔ５００［ｓ］|t500_s|T500",
     ),
     "mini_cone": ("9.5 cm", 0.095, "mini_cone|Mini-cone|mini-slump flow [mm]|ミニスランプフロー [mm]"),
     "v_funnel": (
