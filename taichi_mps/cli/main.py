@@ -381,6 +381,8 @@ def main(argv=None, more=None) -> int:
         raise
     except (SceneError, OSError, ImportError, MemoryError) as error:  # or the disk is full, memory has an end
         text = error if isinstance(error, OSError) else " ".join(str(error).split()) or "out of memory"
+        if str(error) == f"[Errno 2] {os.strerror(2)}":  # of os.getcwd
+            text = "the current folder has been removed; must be one that is there"
         print(f"taichi-mps: {plain(text)}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt as stopped:

@@ -101,6 +101,16 @@ def test_a_limit_of_address_space_is_one_line(tmp_path):
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a folder in use stays there")
+def test_a_current_folder_that_is_gone_is_named(tmp_path, monkeypatch, capsys):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    (tmp_path / "here").rmdir()
+    assert mps.main(["run", "film"]) == 2
+    told = "taichi-mps: the current folder has been removed; must be one that is there\n"
+    assert capsys.readouterr().err == told
+
+
 # ---- paths -----------------------------------------------------------------------------------------------------
 def test_a_path_with_a_tilde_lies_at_home_wherever_a_user_names_one(tmp_path, monkeypatch, capsys):
     home, here = tmp_path / "home", tmp_path / "here"
