@@ -21,7 +21,7 @@ from ..problem import catalogue
 from ..problem.numerics import NUMERICS, Implicit
 from ..problem.problem import Problem
 from ..units import INSTANT, SceneError, plain, quote, require, suggestion, user_path
-from .case_file import case_text, expand_case_file
+from .case_file import NOT_IN_CASE, case_text, expand_case_file
 from .options import (
     BAD_INPUT,
     DONE,
@@ -67,7 +67,8 @@ def planned(name, argv):
     known, function, parser = parse_scene(name, argv, Run, "SCENE|CASE.toml")
     numerics, parameters = NUMERICS.get(known.scheme, Implicit), function.parameters
     own_until = parameters.model_fields.get("until")
-    for model, left_out in ((parameters, ()), (numerics, ()), (Run, ["until"] if own_until else ())):
+    without = ["until"] * bool(own_until) + [*NOT_IN_CASE] * (name == "new")
+    for model, left_out in ((parameters, ()), (numerics, ()), (Run, without)):
         parser.options(model, leave_out=left_out)
     if name == "run":
         parser.groups["output"].add_argument("--json", **JSON["--json"])
