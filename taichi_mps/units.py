@@ -1,6 +1,7 @@
 """Quantities with units and allowed ranges, and the one place where bad input becomes one clear line."""
 
 import difflib
+import errno
 import inspect
 import os
 from contextlib import contextmanager
@@ -70,6 +71,7 @@ def ordinary(prefix: str, path, most: float) -> Path:
     except (OSError, ValueError) as error:
         raise SceneError(f"{prefix}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
     require(path.is_file(), f"{prefix}: is a folder, a pipe or a device; must be a file")
+    require(os.access(path, os.R_OK), f"{prefix}: cannot be read ({os.strerror(errno.EACCES)})")
     require(size <= most, f"{prefix}: has {1e-6 * size:.4g} MB; must have at most {1e-6 * most:g} MB")
     return path
 

@@ -50,6 +50,16 @@ def test_a_file_without_end_is_refused_unread(tmp_path, name, bad):
     assert str(tmp_path) in str(refused.value) and "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("name", READERS)
+def test_a_file_of_somebody_else_is_refused_by_that(tmp_path, monkeypatch, name):
+    """Where this user must not read a file, that is said, of a mesh and a checkpoint, too."""
+    path = tmp_path / "file.stl"
+    path.write_text("text")
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.R_OK)
+    with pytest.raises(SceneError, match=r"file.stl: cannot be read \(Permission denied\)"):
+        READERS[name](path)
+
+
 def test_the_digest_of_a_case_reads_no_file_without_end(tmp_path):
     sparse(tmp_path / "bars.stl")
     with pytest.raises(SceneError, match="bars.stl: has 2e"):
