@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -94,6 +95,13 @@ def test_workers_find_what_one_process_finds(rows, found, broken, monkeypatch):
 def test_options_that_a_list_cannot_have_are_refused(tmp_path, capsys, options, said):
     assert main(["calibrate", *(word.format(written(tmp_path)) for word in options)]) == 2
     assert said in capsys.readouterr().err and len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_first_mix(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    monkeypatch.setattr(mixes, "calibrate_list", lambda *_: pytest.fail("computes before"))
+    assert main(["calibrate", "--table", str(written(tmp_path))]) == 2
+    assert "mixes-calibrated.csv: must be a CSV file in a folder that is there and can be" in capsys.readouterr().err
 
 
 def test_the_command_writes_table_chart_and_page_and_overwrites_nothing(tmp_path, capsys):
