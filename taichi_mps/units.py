@@ -95,12 +95,12 @@ def writing(key, path, kind=""):
 
 
 def array_of(value) -> np.ndarray:
-    """Return a value as an array of real numbers; an array of None, without axes, if it is none."""
+    """Return a value as an array of real numbers; an array of None, without axes, if it is none or some are masked."""
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
         return np.array(None)
-    return array.astype(float) if array.dtype.kind in "iuf" else np.array(None)
+    return array.astype(float) if array.dtype.kind in "iuf" and not np.ma.is_masked(value) else np.array(None)
 
 
 def quote(value, unit) -> str:

@@ -6,6 +6,7 @@ import re
 import sys
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -59,6 +60,10 @@ def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count =
         (lambda: mps.Cavity((0, 0), (1, 1), (), -1.0), ["spacing = -1.0 m", "greater than 0 m"]),
         (lambda: backend.init(arch="vulkan", precision="f64"), ["precision = f64", "must be f32 on arch = vulkan"]),
         (lambda: mps.Box((1, 1), (0, 0)), ["high = (0, 0) m of a box: must be above low = (1, 1) m"]),
+        (
+            lambda: mps.Box((0, 0), np.ma.masked_equal((1, -1), -1)),
+            ["high = ", "m: must be finite numbers of the shape"],
+        ),
         (lambda: mps.Cone(-1.0, 1.0, 1.0), ["base_radius = -1.0 m: must be greater than or equal to 0 m"]),
         (lambda: mps.Cone(0.0, 0.0, 1.0), ["base_radius = 0 m, top_radius = 0 m: one must be greater than 0 m"]),
         (lambda: mps.Bingham(density="a\n b\n"), ["density = a b: must be a number [kg/m3]"]),
