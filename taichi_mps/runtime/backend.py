@@ -3,6 +3,7 @@
 import functools
 import os
 import threading
+import weakref
 from dataclasses import dataclass
 from typing import Literal
 
@@ -54,6 +55,7 @@ class Session:
     settings: dict  # arch, precision, threads
     process: int
     thread: int  # thread that called init, the only one in which Taichi makes fields
+    runtime: weakref.ref  # state of Taichi, which another ti.init replaces
 
 
 _session: Session | None = None
@@ -129,7 +131,7 @@ def init(
         _session = None
         raise SceneError(f"arch = {arch}: no such device is found here; must be one that this machine has, such as cpu")
     settings = {"arch": arch, "precision": precision, "threads": threads}
-    _session = Session(settings, os.getpid(), threading.get_ident())
+    _session = Session(settings, os.getpid(), threading.get_ident(), weakref.ref(ti.lang.impl.get_runtime()))
 
 
 def session() -> Session:
@@ -143,12 +145,16 @@ def session() -> Session:
     Raises
     ------
     RuntimeError
-        If ``init`` was not called, or in a forked process.
+        If ``init`` was not called, or ``ti.init`` after it, or in a forked process.
     """
     if _session is None:
         raise RuntimeError("Taichi is not started: call taichi_mps.init() before making a Simulation")
     if _session.process != os.getpid():
         raise RuntimeError(FORKED)
+    if _session.runtime() is not ti.lang.impl.get_runtime():
+        raise RuntimeError(
+            "Taichi was started anew by ti.init or ti.reset: call taichi_mps.init() in the place of these"
+        )
     return _session
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
+from taichi_mps.runtime.backend import ti
 from tests.support.child import child
 
 
@@ -60,6 +61,17 @@ def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix_until_init_is
             RuntimeError, match="this Simulation is gone: .* was called after it was made; make it anew"
         ):
             use()
+
+
+def test_a_simulation_is_gone_where_taichi_itself_is_started_after_init():
+    """It is told; the process ended, with a notebook and all that it held."""
+    sim = film()
+    ti.init(arch=ti.cpu, log_level=ti.ERROR)
+    for use in (sim.step, sim.snapshot, film):
+        with pytest.raises(RuntimeError, match=r"started anew by ti.init or ti.reset: call taichi_mps.init\(\) in the"):
+            use()
+    mps.init(threads=1)
+    film().step()
 
 
 FORK = """
