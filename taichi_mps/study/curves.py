@@ -60,7 +60,8 @@ def column_meanings(keywords: dict, measures) -> tuple[dict[str, str], dict[str,
 
 def read_curves(path, keywords: dict, measures) -> list[Curve]:
     """Read the curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds
-    several curves or end values, the scene's ``keywords`` {name: pydantic field}. SceneError for any other file."""
+    several curves or end values, the scene's ``keywords`` {name: pydantic field}; a warning names the others.
+    SceneError for any other file."""
     path = user_path(path)
     rows, where = read_list(path, "curve"), f"curve = {path}: "
     words, units = column_meanings(keywords, measures)
@@ -73,6 +74,8 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
         set(measures) & set(found),
         f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of {allowed}",
     )
+    if others:
+        warnings.warn(f"{where}not used: {others}", stacklevel=2)
     runs: dict[tuple, list] = {}
     for number, row in enumerate(rows, 1):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))

@@ -2,6 +2,7 @@
 and bad input is refused."""
 
 import json
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -107,17 +108,26 @@ def test_what_a_curve_does_not_determine_is_told(tmp_path, exact):
 
 
 @pytest.mark.parametrize(
-    ("text", "times", "values"),
+    ("text", "times", "values", "unused"),
     [
-        ("Zeit (s);Durchmesser_mm;Setzfließmaß (mm)\n0,5;1;210\n1,5;1;250,5\n", [0.5, 1.5], [0.21, 0.2505]),
-        ("time [min],slump flow,edge points\n0,0.2,7\n0.5,25 cm,8\n", [0.0, 30.0], [0.2, 0.25]),
-        ("t,diameter [in]\n0,10\n1,\n", [0.0], [0.254]),
+        (
+            "Zeit (s);Durchmesser_mm;Setzfließmaß (mm)\n0,5;1;210\n1,5;1;250,5\n",
+            [0.5, 1.5],
+            [0.21, 0.2505],
+            ["'Durchmesser_mm'"],
+        ),
+        ("time [min],slump flow,edge points\n0,0.2,7\n0.5,25 cm,8\n", [0.0, 30.0], [0.2, 0.25], ["'edge points'"]),
+        ("t,diameter [in]\n0,10\n1,\n", [0.0], [0.254], []),
     ],
 )
-def test_a_film_is_read_as_people_write_it(tmp_path, text, times, values):
+def test_a_film_is_read_as_people_write_it(tmp_path, text, times, values, unused):
     (tmp_path / "film.csv").write_text(text, encoding="utf-8")
     scene = catalogue.build("slump", **BODY)
-    (curve,) = read_curves(tmp_path / "film.csv", catalogue.load("slump").parameters.model_fields, measures_of(scene))
+    keywords = catalogue.load("slump").parameters.model_fields
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        (curve,) = read_curves(tmp_path / "film.csv", keywords, measures_of(scene))
+    assert [str(each.message).partition("film.csv: not used: ")[2] for each in told] == unused
     assert curve.times.tolist() == pytest.approx(times)
     np.testing.assert_allclose(curve.values, values)
     assert curve.measure == "spread_m"
