@@ -15,7 +15,7 @@ from ..units import SceneError, notes, require, suggestion
 from .calibration import rounded
 from .case import case
 from .case import run as run_case
-from .curves import Curve, CurveFit, Test, measures_of, read_curve_files
+from .curves import Curve, CurveFit, Test, measures_of, read_curve_files, unit_by_name
 from .fit import DIFFERENCE_STEP, FAILED_RESIDUAL, LeastSquares
 from .surface import RUN_STEP, Surface
 from .sweep import carry_out, executor_of, wall_time
@@ -232,7 +232,13 @@ def calibrate_curves(
     for test in dict.fromkeys(curve.test for curve in curves):
         both = sorted(test.settings.keys() & {*settings, *initial, "until"})
         require(not both, f"curve = {test.name}: {''.join(both[:1])} is a column of it; must not be given, too")
-        catalogue.build(scene, **settings | initial | test.settings)
+        domain = catalogue.build(scene, **settings | initial | test.settings).domain
+        room = 4.0 * np.ptp(domain, axis=0).max()  # beyond it a unit is missing
+        for each in (each for each in curves if each.test is test and unit_by_name(each.measure) == "m"):
+            largest, where = np.abs(each.values).max(), f"curve = {test.name}: {each.measure}"
+            require(
+                largest <= room, f"{where} = {largest:g} m: must be at most {room:.2g} m, or have a unit, as in [cm]"
+            )
     folder, report, spacing = out or Path("studies") / f"calibrate-{built.name}", watch or str, built.spacing
     ends = log_bounds(initial, type(built.material).model_fields)
     coarser = COARSENING if finer else 1.0

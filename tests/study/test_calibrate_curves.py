@@ -172,6 +172,7 @@ FIVE = "0,20\n1,21\n2,22\n3,23\n4,24\n"
         ("time [s],slump flow [kg]\n" + FIVE, "", "its unit must be m or one of that kind"),
         ("time [s],slump flow [cm]\n0,far\n" + FIVE, "", "row 1, slump flow [cm] = far: must be a number [m]"),
         ("time [s],height [cm],slump flow [cm]\n" + "1,30,20\n" * 5, "--height 0.3", "height is a column of it"),
+        ("time,slump flow\n" + FIVE, "", "spread_m = 24 m: must be at most 2.2 m, or have a unit, as in [cm]"),
         ("", "", "curve: is missing"),
     ],
 )
