@@ -64,6 +64,7 @@ class Printer:
             return
         require(block, f"{line.strip()[:40]}: cannot be read")
         code, words = block[1] + block[2], {letter: float(value) for letter, value in WORD.findall(block[3])}
+        require(words.keys().isdisjoint("GM"), f"{line.strip()[:40]}: holds two codes; must be one a line")
         require(
             code not in UNSUPPORTED_CODES, f"{code}: {UNSUPPORTED_CODES.get(code)}, is not known; {SUPPORTED_CODES}"
         )
@@ -131,7 +132,7 @@ def read_gcode(path, rate=None, filament=None) -> list[Bead]:
         For an unsupported code, such as an arc, or a bead that rises, with its line; or if no bead is laid.
     """
     printer = Printer(rate, filament)
-    text = ordinary(f"gcode {path}", path, MAX_BYTES).read_text(encoding="utf-8", errors="replace")
+    text = ordinary(f"gcode {path}", path, MAX_BYTES).read_text(encoding="utf-8-sig", errors="replace")
     for number, line in enumerate(text.splitlines(), 1):
         try:
             printer.execute(line)

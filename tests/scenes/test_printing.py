@@ -183,7 +183,7 @@ def test_a_hose_stays_near_the_concrete_in_a_high_form(hose, ends):
 
 FLAT = "G21\nG90\nM82\nG92 E0\nG1 F6000\nG0 Z10\nG1 X100 E50\nG1 X100 Y30 E65 ; a corner\nG0 Z20\nG1 X0 E115\n"
 SAME = {  # the same beads in other words
-    "relative": "G91\nM83\nG0 Z10 F6000\nG1 X100 E50\nG1 Y30 E15\nG0 Z10\nG1 X-100 E50\n",
+    "relative": "\ufeffG91\nM83\nG0 Z10 F6000\nG1 X100 E50\nG1 Y30 E15\nG0 Z10\nG1 X-100 E50\n",
     "inches": "G20 (inch)\nG90\nM83\nN5 G0 Z.393700787402 F236.220472441*71\n"
     "G01 X3.93700787402 E1.96850393701\nG1 Y1.18110236220 E.590551181102\ng0 z.787401574803\nG1 X0E1.96850393701\n",
     "retracted": "M83\nM104 S200\nT0\nG0 Z10 F6000\nG1 X100 E50\nG1 E-5\nG4 P100\nG1 E5\nG1 Y30 E15\nG0 Z20\n"
@@ -194,7 +194,7 @@ SAME = {  # the same beads in other words
 @pytest.fixture
 def written(tmp_path):
     def write(text):
-        (tmp_path / "part.gcode").write_text(text)
+        (tmp_path / "part.gcode").write_text(text, encoding="utf-8")
         return tmp_path / "part.gcode"
 
     return write
@@ -230,6 +230,7 @@ def test_a_tool_path_is_read_in_all_its_modes(written):
         (FLAT + "G92 X0\n", "line 11: G92: moves the origin, is not known"),
         (FLAT + "M221 S105\n", "line 11: M221: a share of the flow, is not known"),
         (FLAT + "G5 X1\n", "line 11: G5: is not known"),
+        (FLAT + "G91 G1 X-50 E130\n", "line 11: G91 G1 X-50 E130: holds two codes; must be one a line"),
         (FLAT + "hello\n", "line 11: hello: cannot be read"),
         ("G1 X10 E5\n", "line 1: G1: must have a speed F above 0"),
         ("G1 X10 E5 F600\n", "lays a bead at z = 0 m; must be above 0 m"),
