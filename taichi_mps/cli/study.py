@@ -297,7 +297,8 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     )
     out = user_path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
     results = {out, out.with_suffix(".png"), out.with_suffix(".html")}
-    writable = len(results) == 3 and out.parent.is_dir() and os.access(out.parent, os.W_OK)
+    is_text = len(results) == 3 and out.suffix.lower() in ("", ".csv", ".txt")  # not xlsx
+    writable = is_text and out.parent.is_dir() and os.access(out.parent, os.W_OK)
     require(writable, f"out = {out}: must be a CSV file in a folder that is there and can be written")
     require(
         not options.lift_speed, f"lift_speed = {options.lift_speed} m/s: is for one mix; must be left out of --table"

@@ -90,6 +90,7 @@ def test_workers_find_what_one_process_finds(rows, found, broken, monkeypatch):
         (["--slump", "20cm", "--workers", "2"], "workers = 2: has no effect without table"),
         (["--table", "{}", "--slump", "20cm"], "slump: stands in the table's own columns"),
         (["--table", "{0.parent}"], "a study is named by --study"),
+        (["--table", "{}", "--out", "{0.parent}/found.xlsx"], "found.xlsx: must be a CSV file in a folder that"),
     ],
 )
 def test_options_that_a_list_cannot_have_are_refused(tmp_path, capsys, options, said):
