@@ -1,8 +1,10 @@
 """Rules that a scene must obey whatever the numerics: types, shapes and positions.
 
-Each rule takes a Scene and raises a SceneError, in one line, if it is broken. ``Scene`` applies them when it is made:
-``complete_fields`` first, which adds defaults, then RULES in their order.
+Each rule takes a Scene and raises a SceneError, in one line, if it is broken, or warns. ``Scene`` applies them when it
+is made: ``complete_fields`` first, which adds defaults, then RULES in their order.
 """
+
+import warnings
 
 import numpy as np
 
@@ -117,6 +119,17 @@ def bodies_are_apart(scene):
         )
 
 
+def bodies_are_filled(scene):
+    """Warn of particles none of which has another in a cell of two spacings, where they are no ten drops."""
+    count = len(scene.initial)
+    if count > 10 and count_in_cells(scene.initial, 2.0 * scene.spacing)[1].max() == 1:
+        warnings.warn(
+            f"fluid: its {count} particles lie apart, as drops; a body must be filled with spacing = "
+            f"{scene.spacing:g} m",
+            stacklevel=4,
+        )
+
+
 def rings_lie_around_the_axis(scene):
     """An axisymmetric scene has coordinates (r, z), r above 0, gravity along z, not periodic along r."""
     if scene.axisymmetric:
@@ -164,6 +177,7 @@ RULES = (
     mixes_go_together,
     body_lies_in_the_domain,
     bodies_are_apart,
+    bodies_are_filled,
     rings_lie_around_the_axis,
     mirrors_are_planes_of_symmetry,
     jolts_keep_the_symmetry,
