@@ -217,8 +217,10 @@ class Parser(argparse.ArgumentParser):
 
 
 def suggested(word: str, known) -> str:
-    """Return which scheme has the numerics of this name, else ``suggestion``."""
+    """Return which scheme has the numerics of this name, or that run has the option, else ``suggestion``."""
     name = word.lstrip("-").replace("-", "_")
+    if name in Run.model_fields:
+        return ": run has it; must be left out here"
     schemes = [scheme for scheme, model in NUMERICS.items() if name in model.model_fields]
     return f": the scheme {schemes[0]} has it; must be left out here" if schemes else suggestion(word, known)
 
