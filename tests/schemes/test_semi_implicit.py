@@ -219,7 +219,8 @@ def test_a_closed_box_without_surface_can_be_solved():
 
 # ---- viscosity ----------------------------------------------------------------------------------------------
 def film(cells, depth, material, force, seconds):
-    """Velocity profile of a film on a fixed lattice, from rest, by terms/explicit_viscosity.py alone: (y, u)."""
+    """Velocity profile of a film on a fixed lattice, from rest, by terms/explicit_viscosity.py alone: (y, u). Zero
+    velocity lies half a spacing behind the wall."""
     spacing = depth / cells
     length = 8 * spacing
     scene = mps.Scene(
