@@ -28,7 +28,7 @@ from ..units import (
     validated,
     vector,
 )
-from .concave_edges import interpolate
+from .concave_edges import NODES_PER_SLAB, interpolate
 from .in_time import Moving, in_time
 from .meshes import MAX_LENGTH_IN_REACHES, extend_upwards, lost_bodies, mesh_distance, read_mesh
 from .walls import Friction, check_surface, require_same_dimension, spin
@@ -136,7 +136,8 @@ class Solid(Moving):
             f"cell = {self.cell:g} m: no node of the grid lies inside the solid; must be at most half of its "
             "thickness, and the distance negative inside",
         )
-        steepest = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(values.ndim)) / self.cell
+        changes = (np.diff(values, axis=axis) for axis in range(values.ndim))
+        steepest = max(float(np.abs(change, out=change).max()) for change in changes) / self.cell
         change = f"values: the distance changes by {steepest:.3g} m per metre; a distance changes by at most 1"
         require(steepest <= 1.5, change)
 
@@ -183,7 +184,8 @@ class Solid(Moving):
                 print(f"taichi-mps: {share:.0%} of the distances of a solid at {needed:.2g} nodes", file=sys.stderr)
             nodes = np.stack(np.meshgrid(ticks[0][first : first + slab], *ticks[1:], indexing="ij"))
             values.append(evaluate_distance(distance, nodes.reshape(len(low), -1).T).reshape(nodes.shape[1:]))
-        return cls(np.concatenate(values), tuple(low), cell, **keywords)
+        values = np.concatenate(values)
+        return cls(values, tuple(low), cell, **keywords)
 
     @classmethod
     @validated
@@ -365,13 +367,17 @@ class Solid(Moving):
     @cached_property
     def steepest(self) -> float:
         """Largest slope of the distance between nodes [-]."""
-        square = 0.0
-        for axis in range(self.values.ndim):
-            slope = np.abs(np.diff(np.moveaxis(self.values, axis, 0), axis=0)) / self.cell
-            ends = np.zeros_like(slope[:1])
-            both = np.maximum(np.concatenate([slope, ends]), np.concatenate([ends, slope]))
-            square = square + np.moveaxis(both, 0, axis) ** 2
-        return float(np.sqrt(square.max()))
+        largest, across = 0.0, max(1, int(NODES_PER_SLAB / np.prod(self.values.shape[1:])))
+        for first in range(0, len(self.values), across):  # slabs and their neighbours, for the sake of memory
+            low, square = max(0, first - 1), 0.0
+            slab = self.values[low : first + across + 1]
+            for axis in range(slab.ndim):
+                slope = np.abs(np.diff(np.moveaxis(slab, axis, 0), axis=0)) / self.cell
+                ends = np.zeros_like(slope[:1])
+                both = np.maximum(np.concatenate([slope, ends]), np.concatenate([ends, slope]))
+                square = square + np.moveaxis(both, 0, axis) ** 2
+            largest = max(largest, square[first - low :][:across].max())
+        return float(np.sqrt(largest))
 
     @property
     def point(self):
