@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.geometry import solid as solid_of_a_grid
 from taichi_mps.geometry.meshes import mesh_distance, read_mesh
 from taichi_mps.geometry.solid import polygon_distance
 from taichi_mps.viz import render
@@ -217,3 +218,21 @@ def test_thickness_is_that_of_a_bar_wherever_its_axis_lies():
         assert 0.009 < bar.thickness <= 0.01 + 1e-12
     plate = mps.Solid.of(lambda x: np.abs(x[:, 2] - 0.0123) - 0.03, (-0.05,) * 3, (0.05,) * 3, 0.01)
     assert plate.thickness == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize("nodes", [1, 20, 10_000])
+@pytest.mark.parametrize("shape", [(12, 9), (6, 5, 7)])
+def test_the_steepest_slope_is_that_of_brute_force_however_thin_the_slabs(monkeypatch, shape, nodes):
+    """At a node each axis counts with the steeper of its two sides; the largest length of these over all nodes."""
+    monkeypatch.setattr(solid_of_a_grid, "NODES_PER_SLAB", nodes)
+    values = np.random.default_rng(3).uniform(-0.7, 0.7, shape)
+    cell, steepest = 0.5, 0.0
+    values *= cell
+    for node in np.ndindex(*shape):
+        squares = 0.0
+        for axis in np.eye(len(shape), dtype=int):
+            sides = [tuple(node + side * axis) for side in (-1, 1)]
+            inside = [k for k in sides if all(0 <= at < n for at, n in zip(k, shape, strict=True))]
+            squares += max(abs(values[k] - values[node]) / cell for k in inside) ** 2
+        steepest = max(steepest, squares**0.5)
+    assert mps.Solid(values, (0.0,) * len(shape), cell).steepest == pytest.approx(steepest, rel=1e-12)
