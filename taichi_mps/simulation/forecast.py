@@ -27,7 +27,7 @@ from .summary import described
 
 # ---- memory ----------------------------------------------------------------------------------------------------
 PAIRS, PAIRS_OF_RINGS = 1.6, 4.0  # room for neighbours over those of a lattice; rings that moved outward are thin
-PROCESS = 300e6  # Python, Taichi, compiled kernels, pictures
+PROCESS, MESHES = 300e6, 90e6  # Python, Taichi, compiled kernels, pictures; what reads the mesh of a solid
 BYTES_SHOWN = 190  # of a particle of the whole body, in NumPy
 BYTES_OF_CELL = 8  # of a cell
 BYTES_OF_NODE = 32  # of a node of a sampled solid: distance, its row among the faces of concave edges, and those
@@ -67,7 +67,8 @@ def memory_of(problem: Problem, pairs: float, precision: str, finer: float = 1.0
     if problem.scheme == "implicit" and rows >= NodeMultigrid.MIN_ROWS:
         taken += rows * coarse_particle + cells * coarse_cell
     taken *= DOUBLE_RATIO if precision == "f64" else 1.0
-    taken += BYTES_OF_NODE * sum(wall.values.size for wall in scene.walls if isinstance(wall, Solid))
+    nodes = [wall.values.size for wall in scene.walls if isinstance(wall, Solid)]
+    taken += BYTES_OF_NODE * sum(nodes) + MESHES * bool(nodes)
     body = float(scene.volumes.sum()) / scene.spacing**3 * finer**3 if scene.axisymmetric else 0.0
     return PROCESS + taken + read * rows + BYTES_SHOWN * (body + rows * (2 ** len(scene.mirrors) - 1))
 
