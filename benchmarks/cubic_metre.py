@@ -192,6 +192,7 @@ def write(known: dict) -> None:
 
 def draw() -> None:
     """The table of costs that a forecast reads, the forecasts with it, and the chart."""
+    from taichi_mps.runtime.stages import ONE_THREAD_BELOW_ROWS
     from taichi_mps.simulation.forecast import MEASURED
 
     known, bins = points.load("cubic_metre"), {}
@@ -199,17 +200,18 @@ def draw() -> None:
         found = {}
         for name, case in known.items():
             if name not in CHECKS and ("courant_number" in case["case"]) == longer:
+                fused = case["particles_computed"] < ONE_THREAD_BELOW_ROWS
                 for row in case["by_particles"]:
-                    found.setdefault(int(np.floor(6.0 * np.log10(row[0]))), []).append(row)
+                    found.setdefault((fused, int(np.floor(6.0 * np.log10(row[0])))), []).append(row)
         bins = found | bins
     lines = [
         "# CPU-s of a step of implicit in space, by the number of particles: mean of pours into walls, one thread.",
         "# Written by `python benchmarks/cubic_metre.py draw` from benchmarks/results/cubic_metre.json.",
-        "# particles, seconds",
+        "# particles, seconds, whether the run is of so few that its stages are fused",
     ]
-    for _, rows in sorted(bins.items()):
+    for (fused, _), rows in sorted(bins.items()):
         particles, steps, seconds = np.array(rows).T
-        lines.append(f"{particles @ steps / steps.sum():.4g},{seconds @ steps / steps.sum():.4g}")
+        lines.append(f"{particles @ steps / steps.sum():.4g},{seconds @ steps / steps.sum():.4g},{fused:d}")
     MEASURED.write_text("\n".join(lines) + "\n", encoding="utf-8")
     for case in known.values():
         own = {key: value for key, value in case["case"].items() if key not in WALL}

@@ -20,6 +20,7 @@ from ..problem.feasibility import cells_along_axes
 from ..problem.problem import Problem
 from ..runtime.backend import started
 from ..runtime.memory import admit
+from ..runtime.stages import ONE_THREAD_BELOW_ROWS
 from ..schemes.scheme import kernels
 from ..terms.constants import LONG, longest_step
 from .pouring import Pouring
@@ -132,7 +133,7 @@ def cost_of(problem: Problem) -> Cost:
     path = (1 + len(scene.jolts)) * path if scene.jolts else path + end * problem.speed
     steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(problem, quiet=True)
     usual = max(steps, MIN_STEPS)
-    seconds = usual * seconds_of_a_step(particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
+    seconds = usual * seconds_of_a_step(particles, particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
     seconds = known[2].cpu_seconds if known and known[2] else float(seconds)
     steps = max(usual, end / (problem.numerics.max_time_step or math.inf))
     return Cost(steps, steps / usual * iterations_factor(problem.numerics) * seconds, end)
@@ -157,7 +158,7 @@ def cost_of_pour(problem: Problem) -> Cost:
     step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, quiet=True))
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / TIMES / step
-    seconds = float(steps @ (iterations_factor(numerics) * seconds_of_a_step(particles)))
+    seconds = float(steps @ (iterations_factor(numerics) * seconds_of_a_step(particles, particles_of(problem))))
     return Cost(float(steps.sum()), seconds, min(scene.until, max(pour.end for pour in pours) + SETTLING_TIME))
 
 
@@ -190,9 +191,11 @@ def own_step(problem: Problem, quiet: bool = False) -> float:
     )
 
 
-def seconds_of_a_step(particles):
-    """CPU seconds of a step: interpolated as a power between the measured numbers of particles, constant below, in
-    proportion above."""
-    counts, seconds = np.loadtxt(MEASURED, delimiter=",").T
+def seconds_of_a_step(particles, at_end: int):
+    """CPU seconds of a step of a run with so many particles ``at_end``, by which its stages are fused or not:
+    interpolated as a power between the measured numbers of particles, constant below, in proportion above."""
+    counts, seconds, is_fused = np.loadtxt(MEASURED, delimiter=",").T
+    like_this = is_fused == (at_end < ONE_THREAD_BELOW_ROWS)
+    counts, seconds = counts[like_this], seconds[like_this]
     within = np.exp(np.interp(np.log(np.maximum(particles, 1.0)), np.log(counts), np.log(seconds)))
     return within * np.maximum(1.0, particles / counts[-1])

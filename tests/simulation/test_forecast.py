@@ -134,12 +134,14 @@ def test_each_jolt_of_a_table_is_a_fall_more():
 
 def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch, tmp_path):
     """The cost is a power of the number of particles between measured sizes, and proportional to it beyond the
-    largest."""
+    largest; runs of few particles have sizes of their own."""
     monkeypatch.setattr(forecast, "MEASURED", tmp_path / "cost.csv")
-    (tmp_path / "cost.csv").write_text("100, 1e-3\n10000, 4e-2\n")
-    told = forecast.seconds_of_a_step(np.array([1.0, 100.0, 1000.0, 10_000.0, 50_000.0]))
+    (tmp_path / "cost.csv").write_text("100, 1e-3, 0\n10000, 4e-2, 0\n100, 2e-4, 1\n")
+    sizes = np.array([1.0, 100.0, 1000.0, 10_000.0, 50_000.0])
+    assert forecast.seconds_of_a_step(sizes[:3], 1000) == pytest.approx([2e-4, 2e-4, 2e-3])
+    told = forecast.seconds_of_a_step(sizes, 50_000)
     assert told == pytest.approx([1e-3, 1e-3, (1e-3 * 4e-2) ** 0.5, 4e-2, 2e-1])
-    (tmp_path / "cost.csv").write_text("1, 3e-6\n1e6, 3\n")  # 3 us each
+    (tmp_path / "cost.csv").write_text("1, 3e-6, 0\n1e6, 3, 0\n")  # 3 us each
     dt, after = 1e-5, 4.0
     found = cost_of(Problem(poured(until=FULL + after), mps.Implicit(max_time_step=dt)))
     particles = VOLUME / L0**3
