@@ -4,8 +4,9 @@
 
 The slump cone of 300 Pa in 3-D, with a spacing that gives these numbers of particles. Each size and number of threads
 runs in a process of its own, `--repeats` times in turn: a few steps of the collapse, after it has begun. Their mean
-counts, for steps differ in their iterations, of the process with the least, for the machine is shared; the fastest step
-stands beside. Stages are measured in steps that follow. Prints the tables of docs/speed.md. On a device other than the processor `--threads` means nothing.
+counts, for steps differ in their iterations, of the process with the least, for the machine is shared; the fastest
+step stands beside. Stages are measured in steps that follow. Prints the tables of docs/speed.md. On a device other
+than the processor `--threads` means nothing.
 """
 
 import argparse
@@ -42,8 +43,9 @@ def measure(particles: int, threads: int, arch: str) -> dict:
         begin = time.perf_counter()
         iterations.append(sim.step().solver_iterations)
         walls.append(time.perf_counter() - begin)
-    sim.execution.timed = True  # stages one by one: on a GPU several times as slow
-    sim.step()
+    sim.execution.timed = True  # stages one by one
+    for _ in range(steps):  # compiled anew
+        sim.step()
     sim.execution.spent.clear()
     for _ in range(steps):
         sim.step()
@@ -58,14 +60,14 @@ def tables(rows: list[dict]) -> str:
     for row in rows:
         mean, least = (1e6 * seconds / row["particles"] for seconds in (row["mean"], min(row["walls"])))
         cells = f"{row['particles']:,}", row["threads"], len(row["walls"]), f"{row['iterations']:.1f}"
-        cells += f"{mean:.1f}", f"{least:.1f}", f"{alone[row['particles']]['mean'] / row['mean']:.2f}"
+        cells += f"{mean:.3g}", f"{least:.3g}", f"{alone[row['particles']]['mean'] / row['mean']:.2f}"
         lines.append(f"| {' | '.join(map(str, cells))} |")
     last = alone[max(alone)]
     lines += ["", f"{last['particles']:,} particles, one thread, by stage:", ""]
     lines += ["| stage | share of the time | ms a call |", "|---|---|---|"]
     whole = sum(seconds for _, seconds, _ in last["stages"])
     for name, seconds, calls in sorted(last["stages"], key=lambda stage: -stage[1]):
-        lines.append(f"| {name} | {seconds / whole:.1%} | {1e3 * seconds / calls:.1f} |")
+        lines.append(f"| {name} | {seconds / whole:.1%} | {1e3 * seconds / calls:.3g} |")
     return "\n".join(lines)
 
 

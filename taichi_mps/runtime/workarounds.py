@@ -37,13 +37,15 @@ def chosen_language() -> str:
 
 
 def silence_language() -> None:
-    """Switch off the output of the language before its import: its header, a line for each replaced stdout, and a
-    warning of NumPy numbers as arguments, which would stand between the lines of --json."""
+    """Switch off the output of the language before its import: its header, a line for each replaced stdout, and
+    warnings, of its own source under Python 3.12 and of NumPy numbers as arguments, which would stand between the lines
+    of --json."""
     for start in ("TI", "QD"):
         os.environ.setdefault(f"{start}_ENABLE_PYBUF", "0")
     for name in LANGUAGES:
         os.environ.setdefault(f"ENABLE_{name.upper()}_HEADER_PRINT", "False")
-    warnings.filterwarnings("ignore", message=".*Template mapper caching disabled")
+    for message in ("invalid escape sequence", ".*Template mapper caching disabled"):
+        warnings.filterwarnings("ignore", message=message)
 
 
 LANGUAGE = chosen_language()

@@ -56,6 +56,15 @@ def test_import_says_nothing():
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
+def test_the_language_does_not_warn_of_its_own_source(tmp_path):
+    """Compiled at its first import, as by uv, Taichi's source gives no warning of an escape sequence."""
+    settings = {"PYTHONWARNINGS": "default", "PYTHONPYCACHEPREFIX": str(tmp_path)}
+    done = child("-c", "import taichi_mps.runtime.backend", **settings)
+    assert done.returncode == 0
+    assert "escape" not in done.stderr
+
+
 @ti.kernel
 def misspelt():
     for i in range(3):
