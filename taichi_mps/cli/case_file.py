@@ -42,6 +42,19 @@ def case_text(source: str, problem, settings: dict) -> str:
     return tomlkit.dumps(document)
 
 
+def changed_keys(path: Path, text: str) -> list[str]:
+    """List the keys of a case file whose values are not those of ``text``; "no TOML" where it is none."""
+    import tomlkit
+
+    try:
+        found, known = (tomlkit.parse(case).unwrap() for case in (path.read_text(encoding="utf-8"), text))
+    except ValueError:
+        return ["no TOML"]
+    known = {key: value for section in known.values() if isinstance(section, dict) for key, value in section.items()}
+    given = {key: value for section in found.values() if isinstance(section, dict) for key, value in section.items()}
+    return [key for key, value in given.items() if value != known.get(key)]
+
+
 def keywords(function, numerics) -> dict:
     """Return all keywords of a case of a scene function, {key: (its model, its field)}."""
     found = {}

@@ -175,7 +175,7 @@ def resume(arguments) -> int:
         if remark:
             os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
         source = catalogue.source(arguments.scene or state.header["source"])
-        return carry_out(sim, folder, options, source, arguments.json, clock, resumed=True)
+        return carry_out(sim, folder, options, source, arguments.json, clock, resumed=changed | remedy)
 
 
 @command(

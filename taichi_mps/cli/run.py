@@ -19,13 +19,13 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from ..io.history import read_history
-from ..io.run_folder import PLOTS, clear_pictures, write_whole
+from ..io.run_folder import PLOTS, clear_pictures, next_free, write_whole
 from ..problem.labels import title, written
 from ..problem.measures import still
 from ..report.sentences import LEADING, certainty, in_parts, in_time, numerics, rows, sentences, thin_solids
 from ..runtime.memory import size
 from ..units import SceneError, plain, require
-from .case_file import NOT_IN_CASE, case_text
+from .case_file import NOT_IN_CASE, case_text, changed_keys
 from .options import DIVERGED, DONE, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
 
@@ -77,8 +77,9 @@ def require_slump(scene) -> None:
         require(not math.isnan(slump), f"spacing = {scene.spacing:g} m: {why}")
 
 
-def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> int:
-    """Run to the end, to an interrupt or a divergence, and leave a complete run folder in each case."""
+def carry_out(sim, folder, options, source, as_json, clock, resumed=None) -> int:
+    """Run to the end, to an interrupt or a divergence, and leave a complete run folder in each case. resumed: the
+    options of ``resume``."""
     from ..io.recorder import Recorder
     from ..simulation.simulation import DivergedError
     from ..viz.film import SideBySide
@@ -90,9 +91,12 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     if not quiet:
         warnings.filterwarnings("ignore", "volume_error_max")  # the result says it in its own words
     with interruptible(sim) as signals:
-        if not resumed:
+        case = case_text(source, sim.problem, settings | {"until": until})
+        if resumed is None:
             folder.create(options.overwrite)
-        write_whole(folder.case, case_text(source, sim.problem, settings | {"until": until}))
+        else:
+            keep_edited(folder, case, resumed)
+        write_whole(folder.case, case)
         draw = SideBySide([sim.scene], folder.frames, options).draw
         recorder = Recorder(folder, sim, clock.every, source, settings, draw)
         try:
@@ -107,7 +111,7 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=False) -> in
     clock.begin("report")
     written, numerics = write_report(folder, sim.scene), options.verbose or options.profile
     draw_curves(folder, numerics, sim, options.plots or numerics or not written or (folder.path / PLOTS[1]).exists())
-    is_whole = not (resumed or error or stopped_by == "interrupted")
+    is_whole = not (resumed is not None or error or stopped_by == "interrupted")
     summary |= clock.finish(sim.steps if is_whole else 0)
     folder.write_summary(summary)
     folder.clock.unlink(missing_ok=True)
@@ -144,6 +148,16 @@ def show_result(summary, folder, options, as_json, stages=()) -> int:
         return DONE
     print(f"taichi-mps: {plain(summary['error'])}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
     return DIVERGED
+
+
+def keep_edited(folder, case: str, changed) -> None:
+    """Keep a case.toml that was edited after the run had written it: a resumed run goes on as it began."""
+    edited = [key for key in changed_keys(folder.case, case) if key not in changed] if folder.case.is_file() else []
+    if edited:
+        kept = next_free(folder.case.with_name("case.edited.toml"))
+        os.replace(folder.case, kept)
+        told = f"edited ({', '.join(edited)}); the run goes on as it began, the file is now {kept}"
+        print(plain(f"taichi-mps: case = {folder.case}: {told}"), file=sys.stderr)
 
 
 @contextmanager

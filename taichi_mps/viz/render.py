@@ -346,7 +346,7 @@ def gif(
     Raises
     ------
     SceneError
-        If there are no pictures.
+        If there are no pictures, or the file is no GIF.
 
     Examples
     --------
@@ -360,6 +360,8 @@ def gif(
     ...     out.stat().st_size > 0
     True
     """
+    good = out.suffix.lower() == ".gif"
+    require(good, f"out = {out}: must end in .gif; 'taichi-mps redraw RUN --film' writes an MP4")
     paths = [frames] if isinstance(frames, Path) else list(frames)
     if len(paths) == 1 and paths[0].is_dir():
         paths = sorted(paths[0].glob("frame_*.png")) or sorted(paths[0].glob("*.png"))

@@ -5,6 +5,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.cli import case_file
 from taichi_mps.cli.main import main, planned
+from taichi_mps.cli.run import keep_edited
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.problem import catalogue
@@ -111,3 +112,26 @@ def test_a_case_may_be_written_by_powershell_or_notepad(tmp_path, encoding):
 def test_a_key_may_have_the_name_of_its_option(tmp_path):
     (tmp_path / "case.toml").write_text('scene = "slump"\n[mix]\nyield_stress = "0.1 kPa"\n', encoding="utf-8")
     assert planned("run", [str(tmp_path / "case.toml")])[2].scene.material.yield_value == 100.0
+
+
+@pytest.mark.parametrize(
+    ("edit", "changed", "told"),
+    [
+        (("", ""), {}, ""),
+        (("until = 0.02 ", "until = 0.5 "), {}, "edited (until)"),
+        (("until = 0.02 ", "until = 0.5 "), {"until": "0.02"}, ""),  # what a resume has changed
+        (("# critical_strain_rate = ", "critical_strain_rate = 0.1"), {}, "edited (critical_strain_rate)"),
+        (("[mix]", "[mix"), {}, "edited (no TOML)"),
+    ],
+)
+def test_a_case_that_was_edited_after_its_run_had_begun_is_kept_and_told(tmp_path, capsys, edit, changed, told):
+    """A resumed run writes the case of what it computes; an edited one stays beside it."""
+    _, options, problem = planned("run", ["slump", *QUICK])
+    folder, text = RunFolder(tmp_path), case_file.case_text("slump", problem, options.model_dump())
+    assert edit[0] in text
+    folder.case.write_text(text.replace(*edit), encoding="utf-8")
+    keep_edited(folder, text, changed)
+    err = capsys.readouterr().err
+    assert told in err and bool(err) == bool(told) == (not folder.case.is_file())
+    kept = folder.case if not told else tmp_path / "case.edited.toml"
+    assert kept.read_text(encoding="utf-8") == text.replace(*edit)
