@@ -23,8 +23,14 @@ from .forecast import cost_of, own_step, particles_of
 
 PARTS = "start", "ready", "flow", "pictures", "report"  # of a run, one after the other
 START, REPORT = 1.0, 0.5  # [s]: Python, Taichi and the scene; the page, of a small body
-READY = {False: (2.0, 4.5), True: (2.3, 8.0)}  # [s] of the first step, in space or not: compiled before, anew
-OPTIMISATION = 6.0  # [s] more to compile kernels that are fused and optimised
+READY = {False: 2.0, True: 2.3}  # [s] of the first step, in space or not, with kernels compiled before
+# [s] of the first step with kernels compiled anew, and more for each wall; in space or not, optimised or not
+COMPILING = {
+    (False, False): (2.8, 0.2),
+    (False, True): (3.2, 1.2),
+    (True, False): (2.8, 0.9),
+    (True, True): (4.0, 2.2),
+}
 ROW = 4e-3  # [s] of the measures and the row of a step
 PICTURE, FILM = 0.17, 0.3  # [s] of a picture, of animation and curves
 TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
@@ -53,7 +59,8 @@ class Clock:
     def __init__(self, problem, settings: dict, every: float, begun: float | None = None):
         scene, rows = problem.scene, particles_of(problem)
         self.problem, self.cost = problem, cost_of(problem)
-        team = rows >= ONE_THREAD_BELOW_ROWS and scene.dimension == 3
+        in_space = scene.dimension == 3
+        team = rows >= ONE_THREAD_BELOW_ROWS and in_space
         self.threads, self.precision = settings["threads"] if team else 1, settings["precision"]
         self.every = every
         names = __version__, scene.name, scene.parameters.get("model"), problem.scheme, problem.law, self.threads > 1
@@ -62,9 +69,10 @@ class Clock:
         with suppress(OSError, ValueError, TypeError):
             self.known = dict(json.loads(self.path.read_text(encoding="utf-8")))
         self.cold = self.key not in self.known
-        ready = READY[scene.dimension == 3][self.cold] + OPTIMISATION * (
-            self.cold and OPTIMISED_FROM_ROWS <= rows < ONE_THREAD_BELOW_ROWS
-        )
+        ready = READY[in_space]
+        if self.cold:
+            first, each = COMPILING[in_space, rows >= OPTIMISED_FROM_ROWS]
+            ready = first + each * len(() if problem.wall_particles else scene.walls)
         flow = self.cost.cpu_seconds / self.threads**TEAM_EXPONENT + ROW * self.cost.steps
         pictures = PICTURE * (min(self.cost.steps, self.cost.end / every) + 1.0)
         self.usual = dict(zip(PARTS, (START, ready, flow + pictures, FILM, REPORT), strict=True))

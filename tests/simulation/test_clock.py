@@ -81,7 +81,7 @@ def test_a_machine_that_is_known_is_told_exactly(known, monkeypatch):
     told = first.finish(sim.steps)
     assert told["all_wall_seconds"] == pytest.approx(2.0 * first.whole) == sum(told["seconds_by_part"].values())
     again = Clock(problem, SETTINGS, 0.05)
-    ready = 2.0 * READY[False][False]  # compiled by now
+    ready = 2.0 * READY[False]  # compiled by now
     assert not again.cold and again.whole == pytest.approx(2.0 * first.whole - 2.0 * first.usual["ready"] + ready)
     known.write_text("[1, 2")
     assert Clock(problem, SETTINGS, 0.05).whole == first.whole, "a damaged file is as none"
