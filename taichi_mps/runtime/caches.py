@@ -12,6 +12,7 @@ from ..units import plain
 
 KERNELS = {"taichi": "TI_OFFLINE_CACHE_FILE_PATH", "quadrants": "QD_OFFLINE_CACHE_FILE_PATH"}
 FONTS = "MPLCONFIGDIR"
+CACHES = "XDG_CACHE_HOME"
 
 
 def set_cache_folders(language: str) -> None:
@@ -23,7 +24,8 @@ def set_cache_folders(language: str) -> None:
         os.environ["HOME"] = str(home)
     if writable(kernels(language)):
         return
-    chosen, folder = os.environ.get(KERNELS[language]), tempfile.mkdtemp(prefix="taichi_mps-")
+    chosen = os.environ.get(KERNELS[language]) or os.environ.get(CACHES)
+    folder = tempfile.mkdtemp(prefix="taichi_mps-")
     atexit.register(remove, folder, language)
     os.environ[KERNELS[language]] = os.path.join(folder, "kernels")
     os.environ.setdefault(FONTS, os.path.join(folder, "fonts"))
@@ -32,8 +34,9 @@ def set_cache_folders(language: str) -> None:
 
 
 def kernels(language: str) -> Path:
-    """Cache folder of compiled kernels."""
-    return Path(os.environ.get(KERNELS[language]) or Path(os.path.expanduser("~"), ".cache", language))
+    """Cache folder of compiled kernels: where the language keeps them, too."""
+    caches = os.environ.get(CACHES) or Path(os.path.expanduser("~"), ".cache")
+    return Path(os.environ.get(KERNELS[language]) or Path(caches, language))
 
 
 def remove(folder: str, language: str) -> None:

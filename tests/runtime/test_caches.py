@@ -4,27 +4,45 @@ import os
 
 import pytest
 
+from taichi_mps.runtime import workarounds
 from tests.support.child import child
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="HOME is not what Taichi asks for there")
 SHORT = ["--spacing=0.02", "--until=0.002", "--quiet"]
 
 
-def at(home, folder, *words, cache=None):
-    """Exit code, and lines of errors, of Python with another HOME and folder of kernels; None: without one."""
-    chosen = {"TI_OFFLINE_CACHE_FILE_PATH": cache, "MPLCONFIGDIR": None}
+def at(home, folder, *words, cache=None, caches=None):
+    """Exit code, and lines of errors, of Python with another HOME, folder of kernels or of all caches; None: without
+    one."""
+    chosen = {"TI_OFFLINE_CACHE_FILE_PATH": cache, "XDG_CACHE_HOME": caches, "MPLCONFIGDIR": None}
     done = child(*words, cwd=folder, HOME=home, TMPDIR=str(folder), **chosen)
     return done.returncode, done.stderr.splitlines()
 
 
 @pytest.mark.parametrize(
-    ("home", "cache", "unwritable"), [(None, None, ""), ("/dev/null", None, "/dev/null"), (None, "/proc/x", "/proc/x")]
+    ("home", "cache", "caches", "unwritable"),
+    [
+        (None, None, None, ""),
+        ("/dev/null", None, None, "/dev/null"),
+        (None, "/proc/x", None, "/proc/x"),
+        (None, None, "/proc/y", "/proc/y"),
+    ],
 )
-def test_a_process_compiles_and_leaves_nothing_behind(home, cache, unwritable, tmp_path):
+def test_a_process_compiles_and_leaves_nothing_behind(home, cache, caches, unwritable, tmp_path):
     code = "import taichi_mps as mps; mps.init(); mps.runtime.backend.ti.field(float, 3).fill(1.0)"
     one_line = [f"taichi-mps: {unwritable} cannot be written, so compiled kernels are not kept for the next run"]
-    assert at(home, tmp_path, "-c", code, cache=cache) == (0, one_line if unwritable else [])
+    assert at(home, tmp_path, "-c", code, cache=cache, caches=caches) == (0, one_line if unwritable else [])
     assert not list(tmp_path.iterdir()), "the temporary folder is still there"
+
+
+def test_times_of_runs_lie_beside_the_kernels(tmp_path):
+    """Where the kernels are is where Taichi puts them, so that the times of their runs go with them."""
+    code = "import taichi_mps as mps; mps.init(); mps.runtime.backend.ti.field(float, 3).fill(1.0)"
+    assert at(os.environ["HOME"], tmp_path, "-c", code, caches=str(tmp_path / "caches"))[0] == 0
+    language = workarounds.LANGUAGE
+    assert any(path.is_file() for path in (tmp_path / "caches" / language).rglob("*"))
+    told = f"from taichi_mps.runtime import caches; assert 'caches' in str(caches.kernels('{language}'))"
+    assert at(os.environ["HOME"], tmp_path, "-c", told, caches=str(tmp_path / "caches"))[0] == 0
 
 
 @pytest.mark.slow
