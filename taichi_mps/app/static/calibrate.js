@@ -4,6 +4,7 @@ import {ask, h, listen} from "./ask.js";
 import {Stage} from "./stage.js";
 
 const FIRST = ["slump", "spread", "t500", "mini_cone", "v_funnel"];
+const FIRST_WORDS = "The yield stress and the plastic viscosity that fit come here.";
 
 export class Calibrate {
   constructor(place, measurements, go) {
@@ -38,7 +39,7 @@ export class Calibrate {
   show(values) {
     this.values = values;
     for (const [name, input] of Object.entries(this.inputs)) if (document.activeElement !== input) input.value = values[name] || "";
-    if (!this.answer.textContent) this.answer.textContent = "The yield stress and the plastic viscosity that fit come here.";
+    if (!this.answer.textContent) this.answer.textContent = FIRST_WORDS;
   }
 
   set(name, text) {
@@ -55,13 +56,17 @@ export class Calibrate {
       return;
     }
     this.mark("");
+    this.answer.replaceChildren(h("p", {}, "At work …"), h("progress"));
+    this.figure.hidden = this.button.disabled = true;
+    this.reasons.replaceChildren();
     const answer = await ask("calibrate", {values: this.values, check: this.check.checked});
-    if (answer.wrong) return this.mark(answer.wrong[""]);
+    this.button.disabled = false;
+    if (answer.wrong) {
+      this.answer.textContent = FIRST_WORDS;
+      return this.mark(answer.wrong[""]);
+    }
     this.job = answer.job;
     this.button.textContent = "Stop";
-    this.answer.replaceChildren(h("p", {}, "At work …"), h("progress"));
-    this.figure.hidden = true;
-    this.reasons.replaceChildren();
   }
 
   // What is wrong, at its field.

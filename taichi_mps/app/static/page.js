@@ -64,6 +64,9 @@ function choose(name, values) {
   for (const key of Object.keys(state.values)) if (!fields().some((field) => field.name === key)) delete state.values[key];
   if (other) {
     wrong({});
+    state.known = null;
+    for (const id of ["forecast", "remarks"]) by(id).replaceChildren();  // of the test before
+    button();
     numbers({}, {}, "");
     stage.clear();
     mode("preview");
@@ -277,6 +280,7 @@ async function press(event) {
 // What has changed on the server.
 async function tick() {
   if (document.hidden) return;
+  const asked = calibrate.job;
   const {jobs = [], last, lost} = await ask("jobs");
   if (lost) return;
   const before = state.job;
@@ -290,7 +294,7 @@ async function tick() {
   by("last").dataset.job = job?.state || "";
   button();
   runs.tick(jobs);
-  calibrate.tick(jobs);
+  if (asked === calibrate.job) calibrate.tick(jobs);  // else this is an answer from before its job
 }
 
 function follow(job) {
@@ -316,7 +320,7 @@ async function finished(job, last) {
   const run = await ask("show", {names: [job.run]});
   if (run.wrong) return source(`${job.title}: stopped before it began`);  // it has no folder yet
   if (run.film) by("picture").src = run.film;
-  numbers(run.numbers, run.errors, `${run.end}: ${run.name}. ${run.mix}`);
+  numbers(run.numbers, run.errors, `${run.name}: ${run.mix}; ${run.end}`);
 }
 
 // The last run with a result: whatever came later, it stays.
