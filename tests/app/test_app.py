@@ -93,7 +93,9 @@ def test_sliders_preview_a_mix_and_its_address_brings_it_back(tmp_path):
         tab.page.locator("#stage:not([data-result])").wait_for(state="detached")
         assert tab.field("yield_value").input_value() == "2000"
         tab.part("numbers", "0.0 cm").wait_for()
+        tab.part("forecast", "model full").wait_for(state="attached")
         tab.page.locator('[data-test="l_box"]').click()
+        assert "model full" not in tab.part("forecast").text_content(), "that of the test before"
         tab.part("forecast", "model half").wait_for(state="attached")
         assert tab.field("yield_value").input_value() == "2000", "the mix goes with another test"
         tab.page.go_back()
