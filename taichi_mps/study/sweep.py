@@ -244,6 +244,12 @@ def processes(workers: int):
     """Open processes of this machine, each with one thread; none survives this one."""
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=end_with_parent)
     try:
+        if threading.current_thread() is threading.main_thread():
+            before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # what they inherit, for the time of their imports
+            try:
+                pool.submit(int)  # begins all of them
+            finally:
+                signal.signal(signal.SIGINT, before or signal.SIG_DFL)
         yield pool
         pool.shutdown()
     except BaseException:

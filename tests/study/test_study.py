@@ -22,6 +22,7 @@ from taichi_mps.problem.problem import Problem
 from taichi_mps.runtime.memory import ShortOfMemoryError
 from taichi_mps.simulation.reuse import begin, shape_of
 from taichi_mps.study import case as cases
+from taichi_mps.study import sweep
 from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, run_side_by_side, values
 from taichi_mps.study.sweep import cases as combinations
 from taichi_mps.study.tables import open_results, read
@@ -81,6 +82,16 @@ def test_what_is_under_way_at_ctrl_c_goes_on_and_nothing_else_begins(tmp_path):
         run_side_by_side(study_cases.planned(5, notes), study_cases.interrupts_at_two, lambda: pool, 1, rows.append)
     signal.signal(signal.SIGINT, was)
     assert [row["number"] for row in rows] == [0, 1, 2] and len(study_cases.runs(notes)) == 3
+
+
+def test_ctrl_c_does_not_reach_a_process_that_is_still_being_imported(monkeypatch):
+    """A process is begun with Ctrl-C ignored, before it can ignore it by itself; this one has it as before."""
+    monkeypatch.setattr(sweep, "end_with_parent", int)
+    was = signal.signal(signal.SIGINT, signal.default_int_handler)
+    with sweep.processes(1) as pool:
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        assert pool.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
+    signal.signal(signal.SIGINT, was)
 
 
 def test_cases_that_share_kernels_are_run_one_after_the_other(tmp_path):
