@@ -361,7 +361,7 @@ def gif(
     True
     """
     good = out.suffix.lower() == ".gif"
-    require(good, f"out = {out}: must end in .gif; 'taichi-mps redraw RUN --film' writes an MP4")
+    require(good, f"out = {out}: must end in .gif; 'taichi-mps render RUN --film' writes an MP4")
     paths = [frames] if isinstance(frames, Path) else list(frames)
     if len(paths) == 1 and paths[0].is_dir():
         paths = sorted(paths[0].glob("frame_*.png")) or sorted(paths[0].glob("*.png"))

@@ -201,7 +201,7 @@ def test_png_numbers_its_pictures_and_gif_reads_them(body, tmp_path):
         assert iio.immeta(tmp_path / "run.gif")["duration"] == 200
     with pytest.raises(mps.SceneError, match="frames = .* holds no pictures"):
         render.gif(tmp_path, tmp_path / "none.gif")
-    with pytest.raises(mps.SceneError, match=r"out = .*run.mp4: must end in .gif; '.* --film' writes an MP4"):
+    with pytest.raises(mps.SceneError, match="must end in .gif; 'taichi-mps render RUN --film' writes an MP4"):
         render.gif(tmp_path / "frames", tmp_path / "run.mp4")
 
 
