@@ -187,13 +187,17 @@ class VolumeConstraint(Term):
 
     @ti.func
     def let_settle(self, i, dt, divergence):
-        """The divergence [1/s], or that by which what landed loose closes under its weight until it is packed (I33). A
-        jet, which bears less than a layer, is left as it falls."""
+        """The divergence [1/s], or that by which what landed loose closes under its weight until it is packed (I33): no
+        faster than its apparent weight, none in free fall, makes it in a step. A jet is left as it falls."""
         lack = 1.0 - self.gradient.packing[i]
         loose = lack - MISSING_AT_SURFACE * self.gradient.surface_normal[i].norm() > LOOSE
         if loose and self.gradient.B[i][0, 0] > 0.0 and self.pressure.full[None] == 0:
+            g = ti.cast(self.constants.gravity_at(i), float)
+            apparent = ti.max(0.0, (g - self.particles.a[i]).dot(g) / ti.max(g.norm(), 1e-30))  # [m/s2]
+            closing = ti.max(0.0, -self.strain_rate.velocity_gradient(i).trace())
             borne = self.constants.pressure_ramp(self.particles.p[i] - self.constants.layer_pressure[None])
-            divergence = ti.min(divergence, -borne * self.removed_fraction(i, dt) * lack / dt)
+            wanted = borne * self.removed_fraction(i, dt) * lack / dt
+            divergence = ti.min(divergence, -ti.min(wanted, closing + apparent * dt / self.spacing))
         return divergence
 
     @ti.func
