@@ -369,7 +369,7 @@ class Bench:
             "gif": (mps.gif, {"frames": [self.picture], "out": "a.gif", "fps": 10, "width": 40}),
             "Renderer": (
                 render.Renderer,
-                {"scene": self.scene, "width": 64, "height": 48, "view": "speed", "backend": "software"}
+                {"scene": self.scene, "width": 64, "height": 48, "view": "speed"}
                 | {"limits": (0.0, 1.0), "beside": (), "beads": True},
             ),
             "Renderer.draw": (
