@@ -231,7 +231,7 @@ def row_of(future, case: Case) -> dict:
     """Return the row of a finished case; BrokenExecutor where a process died."""
     try:
         return future.result()
-    except (BrokenExecutor, SceneError):  # SceneError: of the address of the executor
+    except BrokenExecutor:
         raise
     except Exception as error:  # of the executor; what goes wrong in a case is in its row
         return row_without_result(case, LOST, f"{type(error).__name__}: {str(error) or 'given up by the executor'}")
