@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
@@ -176,8 +177,8 @@ def test_a_study_that_is_killed_goes_on_where_it_was(tmp_path, notes):
 
 @pytest.mark.slow
 def test_the_cases_of_a_dask_worker_that_is_killed_are_computed_by_the_other(tmp_path):
-    """A scheduler and two workers are processes of this machine. The first worker is killed at work, after the first
-    row; rows are those of a sweep without Dask, but for the seconds that they took."""
+    """A scheduler and two workers are processes of this machine; one is killed as soon as both have cases. Rows are
+    those of a sweep without Dask, but for the seconds that they took."""
     distributed = pytest.importorskip("distributed", reason="needs distributed: pip install 'taichi-mps[cluster]'")
     mixes = {"yield_value": "200:900:8", "model": "axisymmetric", "spacing": 0.03, "until": 0.05}
     file, running = tmp_path / "scheduler.json", []
@@ -185,12 +186,7 @@ def test_the_cases_of_a_dask_worker_that_is_killed_are_computed_by_the_other(tmp
     def dask(*words):
         running.append(begun("-m", "dask", *words, "--no-dashboard", "--scheduler-file", file, stdout=log, stderr=log))
 
-    def kill(rows, total):
-        if len(rows) == 1:
-            assert [len(cases) > 0 for cases in client.processing().values()] == [True, True]
-            running[1].kill()
-
-    with open(tmp_path / "log", "w") as log:
+    with open(tmp_path / "log", "w") as log, ThreadPoolExecutor(1) as thread:
         try:
             dask("scheduler", "--host", "127.0.0.1", "--port", "0")
             for k in range(2):
@@ -198,7 +194,12 @@ def test_the_cases_of_a_dask_worker_that_is_killed_are_computed_by_the_other(tmp
             with distributed.Client(scheduler_file=str(file), timeout=60, set_as_default=False) as client:
                 client.wait_for_workers(2, timeout=60)
                 address = client.scheduler.address.replace("tcp://", "dask://")
-                rows = sweep.sweep("slump", tmp_path / "dask", address, watch=kill, **mixes)
+                study = thread.submit(sweep.sweep, "slump", tmp_path / "dask", address, **mixes)
+                while not study.done() and sum(map(bool, client.processing().values())) < 2:
+                    time.sleep(0.05)
+                assert not study.done()
+                running[1].kill()
+                rows = study.result()
                 assert running[1].wait(10) == -signal.SIGKILL and len(client.processing()) == 1
         finally:
             for process in running:
