@@ -23,9 +23,9 @@ from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
-from ..schemes.step_report import NAMES_OF_0_2
 from ..units import File, SceneError, ordinary, quote, require, unit_of, user_path, validated, writing
 from . import untrusted_hdf5 as untrusted
+from .history import NAMES_OF_0_2
 
 FORMAT = "taichi_mps checkpoint"
 VERSION = 7

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..schemes.step_report import NAMES_OF_0_2
 from ..units import File, ordinary, require, user_path, validated
 
 COLUMN_MEANINGS = {
@@ -38,6 +37,8 @@ MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every 
 REPORT_ATTRIBUTES = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
 CHECKSUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the scene
+# columns and entries of a step report by their names in version 0.2
+NAMES_OF_0_2 = {"viscous_iterations": "outer_iterations", "pressure_iterations": "solver_iterations"}
 RESIDUALS = "strain_rate_residual", "divergence_residual"  # columns that runs of version 0.2 lack
 MAX_BYTES = 3e8  # a million rows, in seconds
 

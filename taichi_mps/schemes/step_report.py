@@ -3,8 +3,6 @@
 import math
 from dataclasses import asdict, dataclass
 
-NAMES_OF_0_2 = {"viscous_iterations": "outer_iterations", "pressure_iterations": "solver_iterations"}
-
 
 @dataclass(frozen=True)
 class StepReport:
