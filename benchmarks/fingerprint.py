@@ -169,7 +169,7 @@ def curve(law):
     if law == "thixotropic":
         material = mps.FlowCurve(
             yield_value=100.0,
-            plastic_viscosity=40.0,
+            typical_slope=40.0,
             shear_stress=thinning,
             growth=building,
         )

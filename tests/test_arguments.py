@@ -229,7 +229,7 @@ class Bench:
             "structuration": 0.1,
             "destructuration": 0.01,
         }
-        curve = {"density": 2300.0, "yield_value": 40.0, "plastic_viscosity": 50.0, "shear_stress": law, "growth": law}
+        curve = {"density": 2300.0, "yield_value": 40.0, "typical_slope": 50.0, "shear_stress": law, "growth": law}
         channel = {
             "area": 0.02,
             "density": 2300.0,
@@ -369,7 +369,7 @@ class Bench:
             "gif": (mps.gif, {"frames": [self.picture], "out": "a.gif", "fps": 10, "width": 40}),
             "Renderer": (
                 render.Renderer,
-                {"scene": self.scene, "width": 64, "height": 48, "view": "speed", "backend": "software"}
+                {"scene": self.scene, "width": 64, "height": 48, "view": "speed"}
                 | {"limits": (0.0, 1.0), "beside": (), "beads": True},
             ),
             "Renderer.draw": (
@@ -495,7 +495,7 @@ def sound_result(value, depth=0) -> bool:
 
 CALLED = {"path": "mesh|run|checkpoint|table|path", "name": "scene|name", "study": "table|study"}  # in messages
 CALLED |= {"first": "point|yield_value", "second": "point|plastic_viscosity", "table": "table|status"}
-CALLED |= {"plastic_viscosity": "plastic_viscosity|typical_slope", "smooth": "surface|smooth"}
+CALLED |= {"smooth": "surface|smooth"}
 
 
 def names(text, argument) -> bool:

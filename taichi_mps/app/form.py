@@ -10,7 +10,6 @@ from ..study.calibrate import Measurements
 from ..units import unit_of
 
 FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # fields that lead their group
-OMITTED = {"renderer"}  # deprecated option
 SLIDERS = {"yield_value": (10.0, 2000.0), "plastic_viscosity": (1.0, 500.0)}  # ranges for usual concrete, SI units
 SLIDER_RATIO = 20.0  # where a default is near an end of that range or outside: ends of the slider over it, or inverse
 SWITCH = {"no": False, "yes": True}
@@ -38,7 +37,7 @@ def fields_of(known: dict) -> list[dict]:
     def place(name):
         return GROUPS.index(group_of(name, known[name][0])), FIRST.index(name) if name in FIRST else len(FIRST)
 
-    asked = sorted(known.keys() - OMITTED, key=lambda name: (*place(name), list(known).index(name)))
+    asked = sorted(known, key=lambda name: (*place(name), list(known).index(name)))
     return [field_facts(name, known[name][1]) | {"group": GROUPS[place(name)[0]]} for name in asked]
 
 

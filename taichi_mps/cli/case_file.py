@@ -95,6 +95,8 @@ def command_words(path: Path) -> list[str]:
         if duplicates := sorted(given.keys() & keys.keys()):
             raise SceneError(f"case = {path}: {duplicates[0]} is given twice")
         given |= keys
+    if given.get("renderer") == "software":
+        del given["renderer"]  # the default of version 0.2
     known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
     options, words = [], {}
     for word, value in given.items():

@@ -1,6 +1,5 @@
 """Command line: one function for each command, see COMMANDS. Taichi is imported when a run starts."""
 
-import argparse
 import os
 import platform
 import signal
@@ -140,6 +139,7 @@ def resume(arguments) -> int:
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
     settings, passed = state.header["settings"], state.header["time"]
+    settings.pop("renderer", None)  # of version 0.2
     changed, remedy = given(arguments, Run, leave_out=KEPT_OPTIONS), given(arguments, Remedy)
     options = Run(**{**settings, **changed})
     state.header["numerics"].update(remedy)
@@ -206,7 +206,6 @@ def plot(arguments) -> int:
     {
         **RUN,
         "--beside": {"metavar": "RUN", "help": "another run, drawn beside it with the same camera and range"},
-        "--surface": {"action": "store_true", "help": argparse.SUPPRESS},
         "--film": {"action": "store_true", "help": "an MP4, too (extra film)"},
         **SCENE,
     },
@@ -215,8 +214,6 @@ def plot(arguments) -> int:
 def render(arguments) -> int:
     """draw a run again"""
     options = Pictures(**given(arguments, Pictures))
-    if arguments.surface:
-        print("taichi-mps: --surface is what render draws by now; this option goes with 0.3", file=sys.stderr)
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
     replays = [Trajectory(folder.trajectory).checked_replay(arguments.scene) for folder in folders]
     start_taichi(options)

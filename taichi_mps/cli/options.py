@@ -53,8 +53,12 @@ EXAMPLES = {
 GROUPS = "mix", "test", "accuracy and cost", "output", "expert"  # of the options of a run, as --help has them
 MIX = set(Concrete.model_fields)
 COST = {"spacing", "model", "accuracy", "threads", "budget"}
-EXPERT = {"critical_strain_rate", "scheme", "precision", "arch", "renderer", "profile"}
+EXPERT = {"critical_strain_rate", "scheme", "precision", "arch", "profile"}
 RESULTS = {"--slump", "--slump-flow", "--spread", "--t500"}  # which some users give as options
+GONE = {  # options of version 0.2 by their keyword, and what there is instead
+    "renderer": "pictures are drawn in software; 'beads' shows the particles",
+    "surface": "it is what is drawn; must be left out",
+}
 
 SCHEMES = Literal["implicit", "semi-implicit"]
 VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
@@ -110,7 +114,6 @@ class Pictures(Checked):
 
     view: VIEWS = Field("concrete", description="what the pictures are coloured by")
     beads: bool = Field(False, description="show the particles, not the smooth surface")
-    renderer: Literal["software", "ggui"] = Field("software", description="software; ggui stands for --beads until 0.3")
     arch: Literal["cpu", "cuda", "vulkan"] = Field("cpu", description="where to compute")
     threads: Count | None = Field(None, description="processor cores to use, all of them by default")
 
@@ -118,7 +121,7 @@ class Pictures(Checked):
 class Workers(Checked):
     """Options of every command that computes many cases."""
 
-    executor: str = Field("local", description="where to compute: local, dask://HOST:PORT, slurm://PARTITION")
+    executor: str = Field("local", description="where to compute: local or dask://HOST:PORT")
     workers: Count | None = Field(
         None, description="cases at once: processes of this machine, one for each CPU by default; of a cluster: all"
     )
@@ -217,12 +220,14 @@ class Parser(argparse.ArgumentParser):
 
 
 def suggested(word: str, known) -> str:
-    """Return which scheme has the numerics of this name, or that run has the option, else ``suggestion``."""
+    """Return what there is instead of an option of this name, or which command or scheme has it, else
+    ``suggestion``."""
     name = word.lstrip("-").replace("-", "_")
-    if name in Run.model_fields:
-        return ": run has it; must be left out here"
-    schemes = [scheme for scheme, model in NUMERICS.items() if name in model.model_fields]
-    return f": the scheme {schemes[0]} has it; must be left out here" if schemes else suggestion(word, known)
+    if name in GONE:
+        return f": {GONE[name]}"
+    owners = {"run": Run, "sweep": Workers} | {f"the scheme {scheme}": model for scheme, model in NUMERICS.items()}
+    owner = next((owner for owner, model in owners.items() if name in model.model_fields), None)
+    return f": {owner} has it; must be left out here" if owner else suggestion(word, known)
 
 
 @checked

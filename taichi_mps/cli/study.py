@@ -25,7 +25,7 @@ from ..study.require import Wanted, require_bingham, runs_to_expect
 from ..study.require import require as find_borders
 from ..study.sweep import ACCURACY, CHOOSES, LOST, cases, sweep, wall_time
 from ..study.tables import measures
-from ..units import Checked, Count, Only, SceneError, Speed, plain, quote, require, user_path
+from ..units import Checked, Only, SceneError, Speed, plain, quote, require, user_path
 from . import case_file
 from .options import DONE, JSON, Workers, command, given, parse_scene, read_back, tell
 
@@ -76,13 +76,7 @@ class Lookup(Checked):
     )
     out: Annotated[str | None, Only("table")] = Field(
         None,
-        description="of --table: the results, CSV, beside them a chart and a page; mixes-calibrated.csv by default",
-    )
-    executor: Annotated[str | None, Only("table")] = Field(
-        None, description="of --table: local or dask://HOST:PORT, by default here, one after the other"
-    )
-    workers: Annotated[Count | None, Only("table")] = Field(
-        None, description="of --table: processes of this machine, one for each CPU with --executor local"
+        description="of --table: the results, CSV, beside them a chart; mixes-calibrated.csv by default",
     )
 
 
@@ -296,8 +290,8 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
         f"table = {path}: is a folder; a study is named by --study, a list of mixes is a CSV file",
     )
     out = user_path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
-    results = {out, out.with_suffix(".png"), out.with_suffix(".html")}
-    is_text = len(results) == 3 and out.suffix.lower() in ("", ".csv", ".txt")  # not xlsx
+    results = {out, out.with_suffix(".png")}
+    is_text = len(results) == 2 and out.suffix.lower() in ("", ".csv", ".txt")  # not xlsx
     writable = is_text and out.parent.is_dir() and os.access(out.parent, os.W_OK)
     require(writable, f"out = {out}: must be a CSV file in a folder that is there and can be written")
     require(
@@ -311,8 +305,7 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
         print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)
 
     start = time.monotonic()
-    workers = (options.workers or os.cpu_count() or 1) if options.executor == "local" else 1
-    about = in_time(mixes.SECONDS_PER_MIX * len(rows) / min(workers, len(rows)))
+    about = in_time(mixes.SECONDS_PER_MIX * len(rows))
     print(f"taichi-mps: {len(rows)} mixes: about {about} in all", file=sys.stderr, flush=True)
 
     def watch(row, number):
@@ -321,15 +314,13 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
             text = f"{number} of {len(rows)} mixes, {left} left: {next(iter(row.values()))}: {row['verdict']}"
             print(f"\r{plain(text)[:100]:100}", end="\n" * (number == len(rows)), file=sys.stderr, flush=True)
 
-    found = mixes.calibrate_list(rows, options.study, watch, options.executor, options.workers)
+    found = mixes.calibrate_list(rows, options.study, watch)
     mixes.write(found, out)
     tell(arguments, found, f"{mixes.tally(found)}\nEvery mix with its constants and reasons: {out}")
     if find_spec("matplotlib"):
         from ..study.chart import mixes_chart
 
         print(f"Chart: {plain(mixes_chart(found, out.with_suffix('.png')))}", file=sys.stderr)
-    page = mixes.write_page(found, [name for name in rows[0] if name], out.with_suffix(".html"), path)
-    print(f"Report: {plain(page)}", file=sys.stderr)
     refused = [
         f"{mixes.REFUSED}: {next(iter(row.values()))}: {row['reason']}"
         for row in found

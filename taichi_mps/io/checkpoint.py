@@ -23,9 +23,9 @@ from ..problem import catalogue
 from ..problem.numerics import NUMERICS
 from ..problem.problem import Problem
 from ..problem.scene import Scene
-from ..schemes.step_report import OLD_NAMES
 from ..units import File, SceneError, ordinary, quote, require, unit_of, user_path, validated, writing
 from . import untrusted_hdf5 as untrusted
+from .history import NAMES_OF_0_2
 
 FORMAT = "taichi_mps checkpoint"
 VERSION = 7
@@ -432,14 +432,13 @@ def read(path) -> Checkpoint:
         arrays = {key: untrusted.numbers(state, key) for key in state}
         header = json.loads(untrusted.text(file, "header"))
         scalars = header.pop("scalars")
-        new = {old: name for name, old in OLD_NAMES.items()}
         for key, kind in HEADER.items():
             if not isinstance(header[key], kind):
                 raise ValueError(f"{key} is wrong")
         if header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
             raise ValueError("scheme or state is wrong")
         if isinstance(scalars["report"], dict):
-            scalars["report"] = {new.get(name, name): value for name, value in scalars["report"].items()}
+            scalars["report"] = {NAMES_OF_0_2.get(name, name): value for name, value in scalars["report"].items()}
         return Checkpoint(header, {**arrays, **scalars})
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..schemes.step_report import OLD_NAMES
 from ..units import File, ordinary, require, user_path, validated
 
 COLUMN_MEANINGS = {
@@ -27,8 +26,6 @@ COLUMN_MEANINGS = {
     "viscosity of semi-implicit, in the step [-]",
     "solver_iterations": "iterations of the linear solver in the step [-]: of the velocity solves of implicit, of the "
     "pressure of semi-implicit",
-    "viscous_iterations": "outer_iterations by its old name, until 0.3",
-    "pressure_iterations": "solver_iterations by its old name, until 0.3",
     "volume_error": "change of the volume of what has a full neighbourhood, from the packing [-]",
     "volume_error_max": "largest size of it so far, while no jet falls [-]: that is looser until it lands",
     "strain_rate_residual": "root mean square of 2|D - q| after the last outer iteration of implicit, over the rate of "
@@ -40,8 +37,9 @@ MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every 
 REPORT_ATTRIBUTES = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
 CHECKSUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the scene
-RESIDUALS = "strain_rate_residual", "divergence_residual"
-COLUMNS_SINCE_0_2 = {*RESIDUALS, *OLD_NAMES}  # columns that runs until 0.2 may lack
+# columns and entries of a step report by their names in version 0.2
+NAMES_OF_0_2 = {"viscous_iterations": "outer_iterations", "pressure_iterations": "solver_iterations"}
+RESIDUALS = "strain_rate_residual", "divergence_residual"  # columns that runs of version 0.2 lack
 MAX_BYTES = 3e8  # a million rows, in seconds
 
 
@@ -189,7 +187,7 @@ def read_rows(path) -> list[dict[str, str]]:
     Returns
     -------
     list of dict of str to str
-        Cells by column; those of an old file also under the names that columns have now.
+        Cells by column; those of a file of version 0.2 by the names that columns have now.
 
     Raises
     ------
@@ -198,8 +196,9 @@ def read_rows(path) -> list[dict[str, str]]:
     """
     names, *rows = ordinary(str(path), path, MAX_BYTES).read_bytes().decode("utf-8", "replace").split("\n")
     columns, _, last = names.rpartition(",")
+    present = {NAMES_OF_0_2.get(name, name) for name in columns.split(",")}
     require(
-        last == CHECKSUM and set(COLUMNS) - COLUMNS_SINCE_0_2 <= set(columns.split(",")),
+        last == CHECKSUM and set(COLUMNS) - set(RESIDUALS) <= present,
         f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {CHECKSUM}, without "
         "which only version 0.1.0 reads it (commit 068d274)",
     )
@@ -209,8 +208,8 @@ def read_rows(path) -> list[dict[str, str]]:
     if len(torn.rpartition(",")[2]) > len(checksum("", "")):
         wrong = wrong or len(rows) + 1
     require(wrong is None, f"{path}: damaged, row {wrong} is not what was written")
-    found = list(csv.DictReader([columns, *(text for text, _, _ in cells)]))
-    return [row | {new: row[old] for new, old in OLD_NAMES.items() if new not in row} for row in found]
+    found = csv.DictReader([columns, *(text for text, _, _ in cells)])
+    return [{NAMES_OF_0_2.get(name, name): cell for name, cell in row.items()} for row in found]
 
 
 @validated

@@ -306,15 +306,6 @@ class Bingham(Material):
         return self
 
 
-RENAMED_WARNING = "plastic_viscosity of this law is typical_slope; the former name goes in version 0.3"
-
-
-def typical_slope_of(material: Material) -> float:
-    """Return the typical slope [Pa s] of a material, with a warning that ``plastic_viscosity`` is its former name."""
-    warnings.warn(RENAMED_WARNING, DeprecationWarning, stacklevel=3)
-    return material.typical_slope
-
-
 class Law(Material):
     """Base class of a law whose flow curve is compiled: derive from it for a law of your own.
 
@@ -487,11 +478,6 @@ class HerschelBulkley(Law):
         """
         return (np.maximum(0.0, stress - self.yield_value) / self.consistency) ** (1.0 / self.flow_index)
 
-    @property
-    def plastic_viscosity(self) -> float:
-        """Former name of ``typical_slope``, until 0.3."""
-        return typical_slope_of(self)
-
 
 class Casson(Law):
     """Concrete by Casson's law: steep where it begins to flow.
@@ -564,7 +550,7 @@ class FlowCurve(Material):
     [1/s], not falling with it, and equal to the yield stress at rate 0. ``growth(rate, structure)``, if given, is the
     rate of change [1/s] of ``structure``, a number that every particle carries and that is zero at the start:
     thixotropy. ``typical_slope`` [Pa s] of the curve sets the length of the steps and the penalty of the iteration, not
-    the answer; until 0.3 it may be called ``plastic_viscosity``. Scheme ``implicit`` only.
+    the answer. Scheme ``implicit`` only.
 
     Examples
     --------
@@ -580,30 +566,6 @@ class FlowCurve(Material):
     shear_stress: Callable = Field(description="stress at a shear rate [1/s] and a structure [-]")
     growth: Callable | None = Field(None, description="rate of change of the structure, by default not thixotropic")
     critical_strain_rate: None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _accept_former_name(cls, values):
-        if "plastic_viscosity" not in values:
-            return values
-        require("typical_slope" not in values, "plastic_viscosity: is the former name of typical_slope, given too")
-        warnings.warn(RENAMED_WARNING, DeprecationWarning, stacklevel=4)
-        return {{"plastic_viscosity": "typical_slope"}.get(key, key): value for key, value in values.items()}
-
-    @property
-    def plastic_viscosity(self) -> float:
-        """Former name of ``typical_slope``, until 0.3."""
-        return typical_slope_of(self)
-
-    def facts(self) -> dict:
-        """Return the description of the material, JSON-ready; the typical slope also by its name before 0.3.
-
-        Returns
-        -------
-        dict
-            The law by its name, numbers in SI units, functions by their names.
-        """
-        return super().facts() | {"plastic_viscosity": self.typical_slope}
 
 
 # ---- choice of the law by the numbers that are given -----------------------------------------------------------------
@@ -722,8 +684,8 @@ def constants_of(facts: dict) -> dict[str, str]:
 
     Yield stress first, density last.
     """
-    slope = ("typical_slope", "plastic_viscosity") if "typical_slope" in facts else ()  # no constants of a mix
-    names = ["yield_value", *(name for name in facts if name not in (*COMMON_NUMBERS, *slope)), "density"]
+    others = {*COMMON_NUMBERS, "typical_slope"}  # the slope is no constant of a mix
+    names = ["yield_value", *(name for name in facts if name not in others), "density"]
     numbers = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
     given = {name: value for name, value in numbers.items() if name in COMMON_NUMBERS or chooses_law(name, value)}
     units = {name: unit_of(field) for name, field in Concrete.model_fields.items()}

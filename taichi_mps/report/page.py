@@ -63,9 +63,13 @@ def write(folder: RunFolder, scene: Scene | None = None, scene_file=None, title=
     run = RunRecord(folder, scene, scene_file)
     run.summary |= {key: text for key, text in (("title", title), ("note", note)) if text}
     shown, last = film(Trajectory(folder.trajectory), run.scene, run.history)
-    scripts = {name: (PAGE_PARTS / f"{name}.js").read_text(encoding="utf-8") for name in ("viewer", "page")}
-    texts = page_texts(run, shown) | scripts | {"still": last_picture(folder)}
-    return publish(PAGE_PARTS / "page.html", folder.report, drawings(run, shown, last), **texts)
+    names = ("page.html", "page.css", "charts.js", "viewer.js", "page.js")
+    template, style, *scripts = ((PAGE_PARTS / name).read_text(encoding="utf-8") for name in names)
+    texts = page_texts(run, shown) | dict(zip(("charts", "viewer", "page"), scripts, strict=True))
+    data = json.dumps(drawings(run, shown, last), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    page = Template(template).substitute(texts, style=style, data=data, still=last_picture(folder))
+    write_whole(folder.report, page)
+    return folder.report
 
 
 def last_picture(folder: RunFolder) -> str:
@@ -80,19 +84,6 @@ def last_picture(folder: RunFolder) -> str:
             jpeg, "JPEG", quality=85
         )
     return f"data:image/jpeg;base64,{b64encode(jpeg.getvalue()).decode()}"
-
-
-def publish(template: Path, out: Path, data, **texts) -> Path:
-    """Write a page from a template with texts, the style, the script of the charts, and data for its scripts, and
-    return its path. The file is replaced at once."""
-    text = Template(template.read_text(encoding="utf-8")).substitute(
-        texts,
-        data=json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
-        style=(PAGE_PARTS / "page.css").read_text(encoding="utf-8"),
-        charts=(PAGE_PARTS / "charts.js").read_text(encoding="utf-8"),
-    )
-    write_whole(out, text)
-    return out
 
 
 # ---- texts and tables --------------------------------------------------------------------------------------------

@@ -3,8 +3,6 @@
 import math
 from dataclasses import asdict, dataclass
 
-OLD_NAMES = {"outer_iterations": "viscous_iterations", "solver_iterations": "pressure_iterations"}  # until 0.3
-
 
 @dataclass(frozen=True)
 class StepReport:
@@ -78,16 +76,6 @@ class StepReport:
     volume_error_max: float = 0.0
     strain_rate_residual: float = math.nan
     divergence_residual: float = math.nan
-
-    @property
-    def viscous_iterations(self) -> int:
-        """Old name of ``outer_iterations``, until 0.3."""
-        return self.outer_iterations
-
-    @property
-    def pressure_iterations(self) -> int:
-        """Old name of ``solver_iterations``, until 0.3."""
-        return self.solver_iterations
 
     def _repr_html_(self):
         rows = "".join(

@@ -245,7 +245,7 @@ def calibrate_curves(
     runs = RunLeastSquares(scene, curves, settings, initial, ends, OFFSET in names, coarser * spacing)
     points, unknowns = runs.curve_ends[-1], runs.bounds.shape[1]
     require(points > unknowns, f"free = {free}: {unknowns} numbers; must be fewer than the measured points, {points}")
-    start, _ = executor_of(executor, workers, folder)
+    start, _ = executor_of(executor, workers)
     with start() as runs.pool:
         runs.folder = folder
         if watch:

@@ -9,9 +9,10 @@ from ..problem.labels import in_words, title, unit_of_measure
 from ..units import Picture, Place, SceneError, quote, unit_of, validated
 from ..validation import columns as reference
 from ..viz.plots import COLOURS, _figure, _save
+from .calibrate import CONE_RESULTS
 from .curves import SHEAR_RATES
 from .emulator import DENSITY, emulator_of
-from .mixes import chart_groups
+from .mixes import VERDICTS
 from .require import fills
 from .tables import measures
 
@@ -77,12 +78,19 @@ def slump_chart(out: Picture, study: Place | None = None) -> Path:
 def mixes_chart(rows, out) -> Path:
     """Draw slump flow against slump [cm] of a laboratory's mixes, each joined with the nearest mix of the model."""
     figure, axes = _figure(8.0, 6.0)
-    for group in chart_groups(rows):
-        both, colour = np.array([group["measured"], group["model"]]), group["colour"]
-        axes.plot(*both.transpose(2, 0, 1), "-", color=colour, lw=0.8, alpha=0.6)
-        axes.plot(*both[0].T, "o", color=colour, ms=5, label=f"{group['verdict']}, measured")
-        axes.plot(*both[1].T, ".", color="black", ms=4)
-        axes.legend(frameon=False)
+    compared = [row for row in rows if all(row.get(f"{name}_missed") is not None for name in CONE_RESULTS)]
+    for verdict, colour in zip(VERDICTS, COLOURS, strict=False):
+        selected = [row for row in compared if row["verdict"] == verdict]
+        model, missed = (
+            100.0 * np.array([[row[f"{name}_{suffix}"] for row in selected] for name in CONE_RESULTS])
+            for suffix in ("model", "missed")
+        )
+        if selected:
+            measured = model - missed
+            axes.plot(*np.stack([measured, model], axis=1), "-", color=colour, lw=0.8, alpha=0.6)
+            axes.plot(*measured, "o", color=colour, ms=5, label=f"{verdict}, measured")
+            axes.plot(*model, ".", color="black", ms=4)
+            axes.legend(frameon=False)
     axes.set(xlabel="slump [cm]", ylabel="slump flow [cm]", title="Measured, and the nearest mix of the model (dots)")
     axes.grid(alpha=0.3)
     return _save(figure, out)

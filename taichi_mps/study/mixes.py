@@ -1,26 +1,17 @@
-"""A laboratory's list of measured mixes: one calibration each, a table of the results, and a page of one file."""
+"""A laboratory's list of measured mixes: one calibration each, and a table of the results."""
 
 import re
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from functools import lru_cache
-from itertools import zip_longest
-from pathlib import Path
 
-import numpy as np
-
-from .. import __version__
-from ..report.page import publish, safe, table
 from ..spelling import in_unit, without_unit
-from ..units import Count, File, Place, SceneError, Text, require, suggestion, unit_of, user_path, validated
-from ..viz.plots import COLOURS
+from ..units import File, Place, SceneError, require, suggestion, unit_of, validated
 from . import tables
 from .calibrate import CONE_RESULTS, FIELD_OF_RESULT, Measurements, calibrate, dimensions
-from .calibration import BINGHAM, CONSTANT_UNITS, FRICTIONAL, NAMES, Calibration, Constant, is_time, rounded
+from .calibration import FRICTIONAL, NAMES, Calibration, is_time, rounded
 from .emulator import emulator_of
-from .sweep import executor_of
 from .tables import COLUMN_NAMES, ROW_ERROR, key_of, match_column
 
 EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
@@ -48,13 +39,6 @@ SECONDS_PER_MIX = 0.05  # CPU time of a calibration [s]
 RESULT_COLUMN = re.compile(  # name of a column that a table of results adds
     rf"(verdict|reason|({'|'.join(FRICTIONAL)})_(found|lower|upper|from|by_.+)|({'|'.join(NAMES)})_(model|missed))"
     r"( \(given\))*"
-)
-PAGE_COLUMNS = ["yield stress", "by", "plastic viscosity", "by", "friction angle", "comes out as", "reason"]
-ABOUT = (
-    "Intervals are of 95 %, by the errors of the measurements and of the model's tables. 'By' names the measurement "
-    "without which the constant is least certain, 'usual' that it was not measured. The model: a Bingham mix, with "
-    "internal friction where an angle stands, that sticks to floor and funnel; mould and flap gone at once. taichi-mps "
-    "{version}, calibrate --table."
 )
 
 
@@ -213,103 +197,23 @@ def verdict_of(found: Calibration) -> dict[str, str]:
 
 
 @validated
-def calibrate_list(
-    rows: list[dict],
-    study: Place | None = None,
-    watch: Callable | None = None,
-    executor: Text | None = None,
-    workers: Count | None = None,
-) -> list[dict]:
-    """Calibrate all rows and return them with the results, in order; ``watch(row, number)`` is called after each.
-
-    Rows are computed in this process unless ``executor`` is 'local' (``workers`` processes of this machine, by default
-    one a CPU) or 'dask://HOST:PORT'. A row that a worker does not finish is computed in this process.
-    """
-    require(
-        not (executor or "").startswith("slurm:"),
-        f"executor = {executor}: a mix takes {SECONDS_PER_MIX} s; must be local or dask://HOST:PORT",
-    )
-    require(
-        not workers or executor in (None, "local"),
-        f"workers = {workers}: are processes of this machine; must be left out with {executor}",
-    )
+def calibrate_list(rows: list[dict], study: Place | None = None, watch: Callable | None = None) -> list[dict]:
+    """Calibrate all rows and return them with the results, in order; ``watch(row, number)`` is called after each."""
     emulator_of(study)  # refused once, not for each row
-    open_pool = executor_of(executor, workers, None)[0] if executor else nullcontext
-    found, futures = [], []
-    with open_pool() as pool:
-        with suppress(BrokenExecutor):
-            for row in rows if pool else ():
-                futures.append(pool.submit(calibrate_row, row, study))
-        for row, future in zip_longest(rows, futures):
-            try:
-                found.append(future.result() if future else calibrate_row(row, study))
-            except Exception:  # of the executor; what is wrong with a mix is in its row
-                found.append(calibrate_row(row, study))
-            if watch:
-                watch(found[-1], len(found))
+    found = []
+    for number, row in enumerate(rows, 1):
+        found.append(calibrate_row(row, study))
+        if watch:
+            watch(found[-1], number)
     return found
 
 
-def verdict_counts(rows: list[dict]) -> list[tuple[int, str, str]]:
-    """Return number, name and meaning of each verdict that occurs."""
-    count = Counter(row["verdict"] for row in rows)
-    return [(count[name], name, VERDICTS[name]) for name in VERDICTS if count[name]]
-
-
 def tally(rows: list[dict]) -> str:
-    """Format the number of mixes for each verdict, a line each with its meaning."""
-    return "\n".join(f"{count:4d} {name}: {meaning}" for count, name, meaning in verdict_counts(rows))
+    """Format the number of mixes for each verdict that occurs, a line each with its meaning."""
+    count = Counter(row["verdict"] for row in rows)
+    return "\n".join(f"{count[name]:4d} {name}: {meaning}" for name, meaning in VERDICTS.items() if count[name])
 
 
 def write(rows: list[dict], path) -> None:
     """Write the table of results, CSV, numbers with five figures."""
     tables.write([{name: f"{v:.5g}" if isinstance(v, float) else v for name, v in row.items()} for row in rows], path)
-
-
-# ---- the page --------------------------------------------------------------------------------------------------
-def write_page(rows: list[dict], columns: list[str], out, source) -> Path:
-    """Write the page of rows from ``calibrate_list`` of a file ``source`` with these ``columns``; return its path."""
-    found = [[*(row[name] or "" for name in columns), *page_cells(row)] for row in rows]
-    return publish(
-        Path(__file__).with_name("mixes.html"),
-        user_path(out),
-        chart_groups(rows, columns),
-        title=safe(f"{Path(source).name}: mixes calibrated"),
-        lead=f"{len(rows)} mixes",
-        tally=table(verdict_counts(rows), ["mixes", "come out as", ""]),
-        mixes=table(found, [*columns, *PAGE_COLUMNS]),
-        about=safe(ABOUT.format(version=__version__)),
-    )
-
-
-def page_cells(row: dict) -> list[str]:
-    """Return the cells of a row under PAGE_COLUMNS."""
-    if row["verdict"] in (TWO_ANSWERS, REFUSED):  # the nearest mix of a contradiction fits no measurement
-        return [*[""] * 5, row["verdict"], row["reason"]]
-    constants = [text for name in BINGHAM for text in (interval(row, name), row.get(f"{name}_from", ""))]
-    angle = interval(row, "friction_angle") if row["verdict"] == WITH_FRICTION else ""
-    return [*constants, angle, row["verdict"], row["reason"]]
-
-
-def interval(row: dict, name: str) -> str:
-    """Format a constant of a row with its interval or its bound."""
-    value, lower, upper = (row.get(f"{name}_{end}") for end in ("found", "lower", "upper"))
-    constant = Constant(value, lower, upper, 0.0, 0.0, CONSTANT_UNITS[name])
-    text = constant.value_or_bound() if constant.bounded else "not determined"
-    return f"{text} ({rounded(lower)} to {rounded(upper)})" if constant.determined and lower != upper else text
-
-
-def chart_groups(rows: list[dict], columns=()) -> list[dict]:
-    """Return the groups of a chart, one for each verdict that occurs: verdict, colour, the names of its mixes from some
-    columns, and slump and slump flow [cm], measured and of the nearest mix, (n, 2) each."""
-    compared, found = [row for row in rows if all(row.get(f"{name}_missed") is not None for name in CONE_RESULTS)], []
-    for verdict, colour in zip(VERDICTS, COLOURS, strict=False):
-        selected = [row for row in compared if row["verdict"] == verdict]
-        model, missed = (
-            100.0 * np.reshape([[row[f"{name}_{suffix}"] for name in CONE_RESULTS] for row in selected], (-1, 2))
-            for suffix in ("model", "missed")
-        )
-        names = [", ".join(str(row[name]) for name in columns if row[name]) for row in selected]
-        lengths = {"measured": (model - missed).tolist(), "model": model.tolist()}
-        found += [{"verdict": verdict, "colour": colour, "names": names} | lengths] * bool(selected)
-    return found

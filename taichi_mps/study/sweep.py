@@ -28,7 +28,6 @@ from ..problem.problem import Problem
 from ..units import Count, Place, SceneError, Text, in_unit, require, validated
 from .case import LOST, Case, case, row_without_result
 from .case import run as run_case
-from .slurm import slurm
 from .tables import open_results
 
 ACCURACY = 0.005  # of the slump [m], which chooses model and spacing where the scene can and none is given
@@ -107,7 +106,7 @@ def sweep(
     out : path-like, optional
         Folder of the study, studies/SCENE by default; what it holds is not computed again.
     executor : str or concurrent.futures.Executor, optional
-        'local' (processes of this machine), 'dask://HOST:PORT' or 'slurm://PARTITION'.
+        'local' (processes of this machine) or 'dask://HOST:PORT' (workers of Dask, on any machines).
     workers : int, optional
         Cases at once; of this machine the number of CPUs by default.
     watch : callable, optional
@@ -147,7 +146,7 @@ def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=
 
     ``run`` is a function of a module, which the workers import; it returns a row, a dict with the key of its case.
     """
-    start, max_running = executor_of(executor, workers, out)
+    start, max_running = executor_of(executor, workers)
     with open_results(out) as results:
         written = monotonic()
 
@@ -232,13 +231,13 @@ def row_of(future, case: Case) -> dict:
     """Return the row of a finished case; BrokenExecutor where a process died."""
     try:
         return future.result()
-    except (BrokenExecutor, SceneError):  # SceneError: of the address of the executor
+    except BrokenExecutor:
         raise
     except Exception as error:  # of the executor; what goes wrong in a case is in its row
         return row_without_result(case, LOST, f"{type(error).__name__}: {str(error) or 'given up by the executor'}")
 
 
-# ---- executors: processes of this machine, the workers of Dask, Slurm (slurm.py) -------------------------------
+# ---- executors: processes of this machine, the workers of Dask ---------------------------------------------------
 @contextmanager
 def processes(workers: int):
     """Open processes of this machine, each with one thread; none survives this one."""
@@ -284,18 +283,17 @@ def dask(address: str):
         yield client.get_executor(pure=False)
 
 
-def executor_of(text: str | Executor, workers: int | None, folder):
-    """Return a context manager that opens an executor, and how many cases to submit at once (None: all).
+def executor_of(text: str | Executor, workers: int | None):
+    """Return a function that opens an executor, and how many cases to submit at once (None: all).
 
-    ``text`` is an address or an executor; ``folder`` belongs to the study.
+    ``text`` is an address or an executor.
     """
     if isinstance(text, Executor):
         return lambda: nullcontext(text), None
     if text == "local":
         workers = workers or os.cpu_count() or 1
         return lambda: processes(workers), workers
-    if re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text):
-        return lambda: dask(text), workers
-    kinds = "dask://HOST:PORT, slurm://PARTITION?timeout_min=60 or local"
-    require(re.match(r"slurm://[^\s/?]", text), f"executor = {text}: must be {kinds}")
-    return lambda: slurm(text, folder, workers), workers
+    slurm = "; Slurm starts workers of Dask, see docs/howto/cluster.md" * text.startswith("slurm:")
+    known = re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text)
+    require(known, f"executor = {text}: must be dask://HOST:PORT or local{slurm}")
+    return lambda: dask(text), workers

@@ -26,11 +26,11 @@ def align_in_time(*replays):
 
 class SideBySide:
     """Draws one output of each run, left to right, with the same camera and the same range of colours, as numbered
-    pictures in the folder ``frames``. ``options``: view, renderer, beads."""
+    pictures in the folder ``frames``. ``options``: view, beads."""
 
     def __init__(self, scenes, frames, options):
-        how = {"view": options.view, "backend": options.renderer, "beads": options.beads}
-        self.frames, self.painters = frames, [Renderer(scene, beside=scenes, **how) for scene in scenes]
+        how = {"view": options.view, "beads": options.beads, "beside": scenes}
+        self.frames, self.painters = frames, [Renderer(scene, **how) for scene in scenes]
 
     def draw(self, number: int, *outputs) -> Path:
         """Write frame_<number>.png; its path."""

@@ -6,7 +6,6 @@ plane y = 0, z up.
 """
 
 import os
-import sys
 from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
@@ -101,8 +100,6 @@ class Renderer:
         Size of a picture [pixels].
     view : str, optional
         What is shown: 'concrete', 'speed', 'pressure', 'shear-rate', 'yielded' or 'mix'.
-    backend : {'software', 'ggui'}, optional
-        What draws; 'ggui' stands for the particles, drawn in software, until 0.3.
     limits : tuple of float, length 2, optional
         Ends of the colour bar in its unit, by default from the scene.
     beside : sequence of Scene, optional
@@ -113,7 +110,7 @@ class Renderer:
     Raises
     ------
     SceneError
-        For an unknown view or backend.
+        For an unknown view.
 
     Examples
     --------
@@ -132,13 +129,12 @@ class Renderer:
         width: Pixels = 1280,
         height: Pixels = 720,
         view: Literal[VIEWS] = "concrete",
-        backend: Literal["software", "ggui"] = "software",
         limits: Limits | None = None,
         beside: Sequence[InstanceOf[Scene]] = (),
         beads: Flag = False,
     ):
         self.scene, self.view = scene, view
-        self.beads = beads or backend == "ggui" or (scene.dimension == 2 and not scene.axisymmetric)
+        self.beads = beads or (scene.dimension == 2 and not scene.axisymmetric)
         self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
         floor = view_volume(scene)[2]
         lows, highs, _ = zip(*(view_volume(other) for other in (scene, *beside)), strict=True)
@@ -150,8 +146,6 @@ class Renderer:
         self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
         relief = 1.0 if view == "concrete" else 0.7
         self.painter = Painter(self.camera, corners, DRAWN_RADIUS * scene.spacing, floor, self.tick, relief)
-        if backend == "ggui":
-            print("ggui: goes with version 0.3; drawing the particles in software", file=sys.stderr)
 
     @staticmethod
     def _limits(scene, view):

@@ -254,6 +254,13 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ("run slump --spacing 0.5", "spacing = 0.5 m: larger than the body"),
         ("new slump --spacing 0.5", "spacing = 0.5 m: larger than the body"),
         ("new slump --out case.toml", "unknown option --out: run has it"),
+        ("calibrate --table list.csv --executor local", "unknown option --executor: sweep has it"),
+        (
+            "run slump --renderer ggui",
+            "unknown option --renderer: pictures are drawn in software; 'beads' shows the pa",
+        ),
+        ("render . --surface", "unknown option --surface: it is what is drawn; must be left out"),
+        ("sweep slump --executor slurm://here", "executor = slurm://here: must be dask://HOST:PORT or local; Slurm st"),
         ("run slump --spacing 1e-300", "spacing = 1e-300 m: must be at least 1e-12 m"),
         ("run slump --height 0.004 --lift-speed 0.1", "spacing = 0.01 m: larger than the body, 0.004 m high"),
         ("run film --effective-radius-ratio 4.1", "domain = 0.05 m along periodic axis 0: must be at least three"),

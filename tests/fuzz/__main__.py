@@ -130,7 +130,7 @@ def scene(spacing: Length = 0.02, until: Duration = 0.01) -> mps.Scene:
     """Block."""
     return mps.Scene(
         name="block", spacing=spacing, until=until,
-        material=mps.FlowCurve(density=2000.0, yield_value={yield_value}, plastic_viscosity=20.0, shear_stress=law),
+        material=mps.FlowCurve(density=2000.0, yield_value={yield_value}, typical_slope=20.0, shear_stress=law),
         fluid=mps.fill(mps.Box((-0.05, 0.0), (0.05, 0.1)), spacing),
         walls=(mps.Plane((0.0, 0.0), (0.0, 1.0)),),
         domain=((-{reach}, -0.05), ({reach}, 0.2)), measure=height,

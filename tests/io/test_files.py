@@ -23,7 +23,6 @@ from taichi_mps.io.run_folder import RunFolder, clear_pictures, next_free
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.problem import catalogue
 from taichi_mps.problem.measures import still
-from taichi_mps.schemes.step_report import OLD_NAMES
 from taichi_mps.simulation.frame import Frame
 from taichi_mps.viz import film
 from taichi_mps.viz.body import smooth_surface
@@ -64,8 +63,6 @@ def test_history_has_the_documented_columns_and_one_row_a_step(run):
     run.recorder.finish("time")
     rows = read_history(run.folder.history)
     assert tuple(rows) == COLUMNS
-    for name, old in OLD_NAMES.items():  # both names until 0.3
-        np.testing.assert_array_equal(rows[name], rows[old])
     np.testing.assert_allclose(rows["time_s"], np.arange(4) * 0.01)
     assert rows["slump_m"][-1] == pytest.approx(run.sim.measures()["slump_m"], rel=1e-6)
 

@@ -201,16 +201,3 @@ def test_parameters_are_the_numbers_of_the_law_and_make_the_same_scene_again(num
     assert catalogue.rebuild("l_flow", json.loads(json.dumps(scene.parameters))).material == scene.material
     before = scene.parameters | {"plastic_viscosity": 50.0}  # of a checkpoint of before 0.3
     assert catalogue.rebuild("l_flow", before).material == scene.material
-
-
-# ---- former names -------------------------------------------------------------------------------------------------
-def test_the_typical_slope_is_known_by_its_former_name():
-    with pytest.warns(DeprecationWarning, match="plastic_viscosity of this law is typical_slope; .* version 0.3"):
-        old = mps.FlowCurve(shear_stress=curve, plastic_viscosity=20.0)
-    assert old == mps.FlowCurve(shear_stress=curve, typical_slope=20.0)
-    assert old.facts()["plastic_viscosity"] == old.facts()["typical_slope"] == 20.0
-    for material in (old, mps.HerschelBulkley(consistency=20.0)):
-        with pytest.warns(DeprecationWarning, match="typical_slope"):
-            assert material.plastic_viscosity == 20.0
-    with pytest.raises(mps.SceneError, match="plastic_viscosity: is the former name of typical_slope, given too"):
-        mps.FlowCurve(shear_stress=curve, typical_slope=20.0, plastic_viscosity=20.0)

@@ -1,6 +1,5 @@
 """A number of the mix is declared once, in its material, and thereby is an option of every scene."""
 
-import sys
 from contextlib import nullcontext
 from typing import Annotated
 
@@ -108,20 +107,18 @@ def test_a_rational_critical_strain_rate_is_that_for_the_time_of_the_scene(name)
         catalogue.build(name, yield_value=0.0, critical_strain_rate="rational")
 
 
-def test_a_scene_of_ones_own_with_plain_keywords_goes_on_working(tmp_path, monkeypatch):
-    monkeypatch.delitem(sys.modules, "taichi_mps.quantity", raising=False)
+def test_a_scene_of_ones_own_has_plain_keywords(tmp_path):
     path = tmp_path / "own.py"
     path.write_text(
         "import taichi_mps as mps\n"
-        "from taichi_mps.quantity import Density, Length, YieldValue\n"
+        "from taichi_mps.units import Density, Length, YieldValue\n"
         "@mps.checked\n"
         "def scene(yield_value: YieldValue = 300.0, density: Density = 2300.0, spacing: Length = 0.1):\n"
         "    fluid = mps.fill(mps.Box((0.0, 0.0), (0.5, 0.5)), spacing)\n"
         "    mix = mps.Bingham(yield_value=yield_value, density=density)\n"
         "    return mps.Scene('own', mix, spacing, fluid, ((-1.0, -1.0), (1.0, 1.0)))\n"
     )
-    with pytest.warns(DeprecationWarning, match="taichi_mps.quantity goes in version 0.3"):
-        scene = catalogue.build(str(path), yield_value="250")
+    scene = catalogue.build(str(path), yield_value="250")
     assert scene.material == mps.Bingham(yield_value=250.0)
     assert scene.parameters == {"yield_value": 250.0, "density": 2300.0, "spacing": 0.1}
     with pytest.raises(mps.SceneError, match="^density = 2.3 kg/m3: must be greater than or equal to 200 kg/m3"):

@@ -1,10 +1,8 @@
 """A laboratory's list: finite elements give back the constants of their input, and contradictory tests two answers."""
 
 import csv
-import json
 import os
 import re
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +22,6 @@ from taichi_mps.study.mixes import (
     read_list,
     tally,
 )
-from tests.support.browser import chromium, needs_chromium
 
 pytest.importorskip("scipy")
 
@@ -72,22 +69,11 @@ def test_each_line_gets_its_verdict(found):
     assert "leaves room for 4.8 l at most" in misread["reason"]
 
 
-@pytest.mark.parametrize("broken", [False, True])
-def test_workers_find_what_one_process_finds(rows, found, broken, monkeypatch):
-    """Workers give the results of one process, also where they fail before the first row."""
-    pool = ThreadPoolExecutor(2, initializer=int, initargs=("no number",) * broken)
-    monkeypatch.setattr(mixes, "executor_of", lambda *_: (lambda: pool, None))
-    assert calibrate_list(rows, executor="local") == found
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--table", "{}", "--executor", "slurm://here"], "executor = slurm://here: a mix takes 0.05 s"),
-        (["--table", "{}", "--executor", "dask://here:1", "--workers", "2"], "workers = 2: are processes of this"),
-        (["--table", "{}", "--workers", "0"], "workers = 0"),
         (["--slump", "20cm", "--t500-error", "1s"], "t500_error = 1 s: has no effect without t500; must be left out"),
-        (["--slump", "20cm", "--workers", "2"], "workers = 2: has no effect without table"),
+        (["--slump", "20cm", "--out", "found.csv"], "out = found.csv: has no effect without table"),
         (["--table", "{}", "--slump", "20cm"], "slump: stands in the table's own columns"),
         (["--table", "{0.parent}"], "a study is named by --study"),
         (["--table", "{}", "--out", "{0.parent}/found.xlsx"], "found.xlsx: must be a CSV file in a folder that"),
@@ -105,9 +91,9 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_first_mix(tmp_pat
     assert "mixes-calibrated.csv: must be a CSV file in a folder that is there and can be" in capsys.readouterr().err
 
 
-def test_the_command_writes_table_chart_and_page_and_overwrites_nothing(tmp_path, capsys):
-    """The command writes table, chart and page, also of V-funnel, mini-cone and a rheometer's yield stress, and
-    overwrites no file."""
+def test_the_command_writes_table_and_chart_and_overwrites_nothing(tmp_path, capsys):
+    """The command writes table and chart, also of V-funnel, mini-cone and a rheometer's yield stress, and overwrites
+    no file."""
     exact = calibrate(mini_cone=0.09, v_funnel=6.0, check=False)
     text = (
         "mix,Mini-cone [cm],V funnel [s],yield_value [Pa],slump\nboth,9,6,,\nknown,,6,60,\nnone,,,60,\nword,,,,soft\n"
@@ -122,35 +108,21 @@ def test_the_command_writes_table_chart_and_page_and_overwrites_nothing(tmp_path
     assert both["verdict"] == known["verdict"] == EXPLAINED and none["verdict"] == word["verdict"] == REFUSED
     assert "has no measurement" in none["reason"] and word["reason"].startswith("slump = soft")
     assert "2 explained" in capsys.readouterr().out
-    assert (tmp_path / "mixes-calibrated.png").is_file() and (tmp_path / "mixes-calibrated.html").is_file()
+    assert (tmp_path / "mixes-calibrated.png").is_file()
     assert main(command) == 2 and "is there already" in capsys.readouterr().err
 
 
-def test_the_page_and_the_chart_join_each_mix_with_its_model(found, rows, tmp_path):
-    page = mixes.write_page(found, list(rows[0]), tmp_path / "mixes.html", "mixes.csv").read_text()
-    groups = json.loads(re.search(r'id="data">(.*?)</script>', page)[1])
-    assert ">&lt;b&gt;stands&lt;/b&gt;<" in page and "<b>stands" not in page
-    assert len(groups) == 2
-    measured, model = np.array(groups[0]["measured"]), np.array(groups[0]["model"])
+def test_the_chart_joins_each_mix_with_its_model(found, monkeypatch):
+    from taichi_mps.study import chart
+
+    monkeypatch.setattr(chart, "_save", lambda figure, out: figure)
+    (axes,) = chart.mixes_chart(found, "no.png").axes
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["explained, measured", "two answers, measured"]
+    *joints, measured, model = (line.get_xydata() for line in axes.lines[:4])  # of the first verdict
     assert measured == pytest.approx(np.array([[17.99, 31.93], [10.15, 26.56]]))
     assert model.shape == measured.shape and 0.0 < np.abs(model - measured).max() < 2.0
-
-
-@pytest.mark.slow
-@needs_chromium
-def test_the_page_has_every_mix_and_opens_without_a_network(found, rows, tmp_path):
-    pytest.importorskip("playwright")
-    path = mixes.write_page(found, list(rows[0]), tmp_path / "mixes.html", "mixes.csv")
-    with chromium() as browser:
-        tab, wrong, asked = browser.new_page(), [], []
-        tab.on("pageerror", lambda error: wrong.append(str(error)))
-        tab.on("request", lambda request: asked.append(request.url))
-        tab.goto(path.as_uri())
-        lines = [line.locator("th, td").all_inner_texts() for line in tab.locator(".wide tr").all()[1:]]
-        assert tab.locator("#chart .mix").count() == 3
-    assert wrong == [] and asked and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
-    told = [(row["mix"], row["verdict"], row["reason"]) for row in found]
-    assert [(line[0], *line[-2:]) for line in lines] == told and lines[0][5] == "slump"
+    assert np.array(joints) == pytest.approx(np.stack([measured, model], axis=1))
 
 
 HEADS = {  # by field a cell, its value in SI units, and what people write above it

@@ -31,11 +31,8 @@ class Falling:
     def step(self):
         self.steps += 1
         self.time = self.steps * self.dt
-        names = "max_speed kinetic_energy unyielded_fraction flowing_fraction viscous_iterations pressure_iterations"
-        values = dict.fromkeys(
-            (*names.split(), "outer_iterations", "solver_iterations", "volume_error", "volume_error_max", *RESIDUALS),
-            1.0,
-        )
+        names = "max_speed kinetic_energy unyielded_fraction flowing_fraction outer_iterations solver_iterations"
+        values = dict.fromkeys((*names.split(), "volume_error", "volume_error_max", *RESIDUALS), 1.0)
         self.report = SimpleNamespace(step=self.steps, time=self.time, dt=self.dt, dt_limit="Courant", **values)
         for callback in self.callbacks:
             callback(self)

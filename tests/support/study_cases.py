@@ -39,12 +39,6 @@ def fails_at_two(case):
     return row(case, "failed" if first(case) else "done")
 
 
-def raises_at_two_at_first(case):
-    if first(case):
-        raise OSError("the disk is gone")
-    return row(case)
-
-
 def dies_at_two(case):
     first(case)
     if case.parameters["number"] == 2:
@@ -52,21 +46,9 @@ def dies_at_two(case):
     return row(case)
 
 
-def kills_its_process_at_first(case):
-    if first(case):
-        os.kill(os.getpid(), signal.SIGKILL)
-    return row(case)
-
-
 def kills_the_study_at_first(case):
     if first(case, 5):
         os.kill(os.getppid(), signal.SIGKILL)
-    return row(case)
-
-
-def waits_at_two_at_first(case):
-    if first(case):
-        time.sleep(600.0)
     return row(case)
 
 

@@ -173,15 +173,6 @@ def test_a_two_dimensional_scene_is_drawn_in_its_plane_between_its_walls():
 def test_wrong_names_are_refused(body):
     with pytest.raises(mps.SceneError, match="view = colour: must be 'concrete', 'speed'"):
         render.Renderer(body, view="colour")
-    with pytest.raises(mps.SceneError, match="backend = opengl: must be 'software' or 'ggui'"):
-        render.Renderer(body, backend="opengl")
-
-
-def test_what_ggui_drew_is_drawn_in_software(body, capsys):
-    state = snapshot(body)
-    beads, old = render.Renderer(body, beads=True, **SIZE), render.Renderer(body, backend="ggui", **SIZE)
-    assert np.array_equal(old.draw(state), beads.draw(state))
-    assert capsys.readouterr().err == "ggui: goes with version 0.3; drawing the particles in software\n"
 
 
 def test_png_numbers_its_pictures_and_gif_reads_them(body, tmp_path):
@@ -261,7 +252,7 @@ def test_a_scene_in_the_plane_has_no_surface_and_shows_particles(tmp_path):
 def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, monkeypatch):
     replay, options = (
         [Frame(body, snapshot(body))],
-        SimpleNamespace(view="concrete", renderer="software", beads=False),
+        SimpleNamespace(view="concrete", beads=False),
     )
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(mps.SceneError, match=r"film: needs imageio-ffmpeg: pip install 'taichi-mps\[film\]'"):
@@ -277,7 +268,7 @@ def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, 
 
 def test_a_film_tells_its_mean_speed_where_steps_are_longer_than_the_interval(body, tmp_path, monkeypatch):
     """Three pictures of 0.09 s at ten a second: 0.45 of the speed, whatever interval was asked for."""
-    told, options = [], SimpleNamespace(view="concrete", renderer="software", beads=True)
+    told, options = [], SimpleNamespace(view="concrete", beads=True)
     monkeypatch.setattr(render, "with_film_speed", lambda picture, every, fps: told.append(every * fps) or picture)
     replay = [Frame(body, replace(snapshot(body), time=time)) for time in (0.0, 0.03, 0.09)]
     assert show.redraw([iter(replay)], tmp_path, "", options)["pictures"] == 3
