@@ -15,8 +15,8 @@ from itertools import product
 import numpy as np
 import points
 
-from taichi_mps.validation import standing, table
-from taichi_mps.validation.slumps import MILESTONES, inertial
+from validation import standing, table
+from validation.slumps import MILESTONES, inertial
 
 PAGES = [points.ROOT / "README.md", *sorted(points.DOCS.rglob("*.md"))]
 MARK = re.compile(r"([-+]?\d[\d,.]*(?:e-?\d+)?|\?)<!--([\w.-]+)-->")
@@ -302,7 +302,7 @@ def filled(page, known: dict[str, str]) -> str:
         text = points.between(text, "benchmarks/claims.py", f"{accuracy()}\n\n{brackets()}")
     if page.name == "validation.md":
         kept = [table.read_results(points.RESULTS, scheme) for scheme in ("implicit", "semi-implicit")]
-        text = points.between(text, "taichi-mps validate", table.markdown(*kept))
+        text = points.between(text, "python -m validation", table.markdown(*kept))
     return text
 
 

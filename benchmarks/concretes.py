@@ -16,7 +16,7 @@ import points
 import taichi_mps as mps
 from taichi_mps.study import mixes
 from taichi_mps.study.emulator import DENSITY, FRICTION_TABLE, emulator_of
-from taichi_mps.validation import read_reference
+from validation import read_reference
 
 MEASURED = "E_measured_slump_flow_yeh.csv"
 YIELDS = 60.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0, 1200.0  # of the cones that slip [Pa]

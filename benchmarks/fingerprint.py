@@ -271,7 +271,7 @@ def of_checkout(checkout: Path, *words: str):
 
 def numerics() -> str:
     """Hash of the SHORT cases, exact; kept in build/ for these sources and this processor, for it takes a minute."""
-    from taichi_mps.validation import provenance
+    from validation import provenance
 
     sources = [file for part in ("taichi_mps", "scenes") for file in sorted((points.ROOT / part).rglob("*.py"))]
     state = hashlib.sha256(b"".join(file.read_bytes() for file in [*sources, Path(__file__)]))

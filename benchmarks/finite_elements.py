@@ -396,7 +396,7 @@ STATED = {"slump_mm": 0.4, "mean20_mm": 0.4, "spread_mm": 1.0}  # error of the r
 MESHES = (8, 14), (12, 20), (18, 30)
 STUDY = 100.0, 1000.0  # [Pa]
 RESULTS = ROOT / "benchmarks/results"
-REFERENCE = ROOT / "taichi_mps/validation/reference/A_fe_inertial_slump_summary.csv"
+REFERENCE = ROOT / "validation/reference/A_fe_inertial_slump_summary.csv"
 
 
 def last_of(yield_stress, viscosity, mesh, rule, until):
@@ -420,7 +420,7 @@ def reference(yield_stress, viscosity, until):
 
 def head() -> dict:
     """Head of a result: no numerics of the particles enter it."""
-    from taichi_mps.validation import provenance
+    from validation import provenance
 
     return provenance.facts() | {provenance.NUMERICS: "none"}
 

@@ -3,7 +3,7 @@
     python benchmarks/inverse.py run [NAME ...]   # every case without a result: results/inverse.json
     python benchmarks/inverse.py draw             # docs/measured.md
 
-Measured: see the heads of the files in taichi_mps/validation/reference and tests/reference.
+Measured: see the heads of the files in validation/reference and tests/reference.
 """
 
 import csv
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import points
 
-from taichi_mps.validation import measured, read_reference
+from validation import measured, read_reference
 
 SLUMPS = points.ROOT / "tests" / "reference" / "fe_inertial_slump_history.csv"
 ELEMENTS = {"finite elements, 300 Pa": 300.0, "finite elements, 500 Pa": 500.0}  # yield stress [Pa], at 50 Pa s

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from taichi_mps.problem import catalogue
-from taichi_mps.validation import flows, fluids, slumps
+from validation import flows, fluids, slumps
 
 
 def cone(spacing):

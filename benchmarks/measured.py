@@ -3,13 +3,13 @@
     python benchmarks/measured.py run    # every test without a result: results/measured.json, half a CPU-hour
     python benchmarks/measured.py draw   # docs/measured.md and its charts
 
-Measured: Hamamichi et al. (2023), see the heads of the files in taichi_mps/validation/reference.
+Measured: Hamamichi et al. (2023), see the heads of the files in validation/reference.
 """
 
 import numpy as np
 import points
 
-from taichi_mps.validation import measured
+from validation import measured
 
 SPACINGS = 0.004, 0.02 / 7.0, 0.002, 0.004 / 3.0  # [m]; of each half of the depth is a multiple
 LOW = 0.1  # shear rate [1/s] from which on the curve is fitted where all of it is

@@ -29,8 +29,8 @@ ONLY_USUAL = ("quarter", 0.015), ("quarter", 0.0075), ("axisymmetric", 0.0025)
 
 def finite_elements(yield_value: float, plastic_viscosity: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [s], slumps and spreads [m] of the finite elements."""
-    from taichi_mps.validation import columns
-    from taichi_mps.validation.slumps import inertial
+    from validation import columns
+    from validation.slumps import inertial
 
     if plastic_viscosity == USUAL:
         return inertial(yield_value)
@@ -42,7 +42,7 @@ def finite_elements(yield_value: float, plastic_viscosity: float) -> tuple[np.nd
 def reference(yield_value: float, plastic_viscosity: float) -> dict:
     """Milestones [s] that the finite elements have and their slumps [m] there, slump and spread [m] at their end, and
     when that is where they did not come to rest."""
-    from taichi_mps.validation.slumps import MILESTONES
+    from validation.slumps import MILESTONES
 
     times, slumps, spreads = finite_elements(yield_value, plastic_viscosity)
     until = 5.0 if plastic_viscosity == USUAL else None

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT))  # for validation/
 RESULTS, FIGURES, DOCS = ROOT / "benchmarks" / "results", ROOT / "docs" / "figures", ROOT / "docs"
 ASIDE = 1e-6  # by how much particles stand aside in repeated runs [spacings]
 
@@ -16,7 +17,7 @@ ASIDE = 1e-6  # by how much particles stand aside in repeated runs [spacings]
 @cache
 def head() -> dict:
     """Head of a result that this process writes: commit, date, processor, versions, hash of the numerics."""
-    from taichi_mps.validation import provenance
+    from validation import provenance
 
     return provenance.head(RESULTS)
 
@@ -96,7 +97,7 @@ def between(text: str, name: str, block: str) -> str:
 
 def put(page: str, name: str, text: str, results=()) -> None:
     """Replace what stands between the marks of ``name`` in a page of docs/, and say where its results come from."""
-    from taichi_mps.validation import provenance
+    from validation import provenance
 
     block = f"{text}\n\n{provenance.origin(results)}" if results else text
     page = DOCS / page

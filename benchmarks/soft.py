@@ -3,7 +3,7 @@
     python benchmarks/soft.py --model quarter --spacing 0.01   # benchmarks/results/soft_quarter_10mm.md
     python benchmarks/soft.py --model quarter --spacing 0.01 --perturbed 5   # means and scatter of five disturbed runs
 
-Reference: taichi_mps/validation/reference/A_fe_inertial_soft.csv (slump +-0.2 mm, spread +-0.3 mm, times +-1.5 %).
+Reference: validation/reference/A_fe_inertial_soft.csv (slump +-0.2 mm, spread +-0.3 mm, times +-1.5 %).
 Errors: engine - reference. CPU seconds are of one thread, without the first step, which compiles.
 """
 
@@ -64,7 +64,7 @@ def cells(mix, found, exact) -> list[str]:
 
 def references():
     """(yield stress [Pa], plastic viscosity [Pa s]) and what the finite elements measure, for each mix."""
-    from taichi_mps.validation import columns
+    from validation import columns
 
     every = columns("A_fe_inertial_soft.csv")
     for mix in dict.fromkeys(zip(every["yield_value_Pa"], every["plastic_viscosity_Pa_s"], strict=True)):

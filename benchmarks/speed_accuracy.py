@@ -95,7 +95,7 @@ def point(flow, scheme, size, step, budget=None) -> dict:
 def one_run(flow, scheme, size, step, budget, seed) -> dict:
     """Run a point once."""
     import taichi_mps as mps
-    from taichi_mps.validation import with_wall_particles
+    from validation import with_wall_particles
 
     scene, reading, error = getattr(known_flows, flow)(size)
     scene = replace(scene, fluid=scene.fluid + points.aside(scene.fluid.shape, scene.spacing, seed))
@@ -221,7 +221,7 @@ def cells(item) -> list:
 
 
 def draw() -> None:
-    from taichi_mps.validation import provenance
+    from validation import provenance
 
     text, tables, order = [], [], list(TITLES)
     for flow, (title, *_) in FLOWS.items():

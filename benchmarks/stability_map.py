@@ -64,7 +64,7 @@ def point(diffusion, courant, bingham, ratio, scheme) -> dict:
 
     import taichi_mps as mps
     from taichi_mps.problem import catalogue
-    from taichi_mps.validation.flows import l2, profile
+    from validation.flows import l2, profile
 
     depth, along = ACROSS * L0, 9.81 * float(np.sin(np.radians(ANGLE)))
     share = (1.0 - bingham) ** 2  # of the Newtonian surface speed

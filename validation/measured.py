@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..problem import catalogue
+from taichi_mps.problem import catalogue
+
 from . import Measured, columns, read_reference, record
 
 DAMS, CURVES = "E_measured_dam_break_virheometry.csv", "E_measured_flow_curves_virheometry.csv"

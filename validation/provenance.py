@@ -7,10 +7,10 @@ import sys
 from datetime import date
 from pathlib import Path
 
-from .. import __version__
-from ..runtime import workarounds
+from taichi_mps import __version__
+from taichi_mps.runtime import workarounds
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 NUMERICS = "fingerprint"  # key of the hash: equal where the numerics are
 
 
