@@ -42,8 +42,8 @@ def load(name: str) -> dict:
 
 def save(name: str, result: dict) -> None:
     """Write results/<name>.json under its head, whole or not at all; points that are kept have one each."""
-    draft = RESULTS / f"{name}.json.part"
-    draft.write_text(json.dumps({"machine": head()} | result, indent=1) + "\n", encoding="utf-8")
+    draft, made = RESULTS / f"{name}.json.part", result.get("machine") or head()
+    draft.write_text(json.dumps({"machine": made} | result, indent=1) + "\n", encoding="utf-8")
     draft.replace(RESULTS / f"{name}.json")
 
 
