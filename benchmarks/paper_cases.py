@@ -14,6 +14,7 @@ from itertools import cycle
 import numpy as np
 import points
 
+from taichi_mps.viz import plots
 from validation import columns
 from validation.slumps import inertial
 
@@ -149,8 +150,6 @@ def table(names, pi_c):
 def marks_and_lines(marks, lines, out, **settings):
     """Marks {label: (x, y)}, and lines of the same kind in the colour of the marks of their label, or grey; settings:
     of the axes, those of matplotlib."""
-    from taichi_mps.viz import plots
-
     figure, axes = plots._figure(7.0, 4.8)
     colour, grey = plots._colours(marks), cycle(("--", ":", "-."))
     for label, pair in lines.items():
@@ -168,8 +167,6 @@ def marks_and_lines(marks, lines, out, **settings):
 def draw():
     """Figures 4-10 of the paper, drawn with its scheme beside ``implicit`` and finite elements, and the tables."""
     import imageio.v3 as imageio
-
-    from taichi_mps.viz import plots
 
     for number, cases in ((5, (1, 2, 3)), (9, (4, 5))):
         found = of_the_papers_scheme(cases)

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT))  # for validation/
+sys.path.append(str(ROOT))
+from validation import provenance  # noqa: E402
+
 RESULTS, FIGURES, DOCS = ROOT / "benchmarks" / "results", ROOT / "docs" / "figures", ROOT / "docs"
 ASIDE = 1e-6  # by how much particles stand aside in repeated runs [spacings]
 
@@ -17,8 +19,6 @@ ASIDE = 1e-6  # by how much particles stand aside in repeated runs [spacings]
 @cache
 def head() -> dict:
     """Head of a result that this process writes: commit, date, processor, versions, hash of the numerics."""
-    from validation import provenance
-
     return provenance.head(RESULTS)
 
 
@@ -88,20 +88,13 @@ def table(head, rows) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
-def between(text: str, name: str, block: str) -> str:
-    """A page with this block between the marks of a command."""
-    begin, end = f"<!-- written by {name} -->", f"<!-- end of {name} -->"
-    before, rest = text.split(begin)
-    return f"{before}{begin}\n\n{block}\n\n{end}{rest.split(end)[1]}"
-
-
 def put(page: str, name: str, text: str, results=()) -> None:
     """Replace what stands between the marks of ``name`` in a page of docs/, and say where its results come from."""
-    from validation import provenance
-
     block = f"{text}\n\n{provenance.origin(results)}" if results else text
     page = DOCS / page
-    page.write_text(between(page.read_text(encoding="utf-8"), f"benchmarks/{name}.py", block), encoding="utf-8")
+    page.write_text(
+        provenance.between(page.read_text(encoding="utf-8"), f"benchmarks/{name}.py", block), encoding="utf-8"
+    )
 
 
 def pyplot():

@@ -263,8 +263,6 @@ def draw() -> None:
         wanted = [key for key, settings in all_points().items() if settings["flow"] == flow]
         found = [item for key, item in points.read(f"speed_accuracy_{flow}").items() if key in wanted]
         done = [item for item in found if item["error"] is not None]
-        if not done:
-            continue
         draw_flow(flow, found)
         heading, best = (
             f"### {title[0].upper()}{title[1:]}",
@@ -276,8 +274,6 @@ def draw() -> None:
         found.sort(key=lambda i: (order.index(i["scheme"]), -i["spacing"], i["step"]))
         head = ["scheme", "resolution", "step", "steps", "CPU-s", "error"]
         tables += [heading, points.table(head, [cells(item) for item in found])]
-        if len(found) < len(wanted):
-            tables.append(f"{len(wanted) - len(found)} points have not been run yet.")
     results = [points.load(f"speed_accuracy_{flow}") for flow in FLOWS]
     points.put("speed.md", "speed_accuracy", "\n\n".join(text), results)
     about = "Written by `python benchmarks/speed_accuracy.py draw`; the charts stand in docs/speed.md."

@@ -16,7 +16,8 @@ from .cases import CHOSEN_ON, ROWS
 
 PANELS = {L2_ERROR: ("particles across", -1), SLUMP_ERROR: ("spacing [mm]", 1)}  # x axis, sign of the slope there
 VERDICTS = {True: "met", False: "**missed**"}
-BEGIN, END = "<!-- written by python -m validation -->", "<!-- end of python -m validation -->"
+COMMAND = "python -m validation"
+BEGIN, END = f"<!-- written by {COMMAND} -->", f"<!-- end of {COMMAND} -->"
 
 
 # ---- running ---------------------------------------------------------------------------------------------------
@@ -88,7 +89,7 @@ def run_table(
     text = markdown(kept["implicit"], kept["semi-implicit"])
     (folder / "table.md").write_text(text + "\n", encoding="utf-8")
     if page:
-        insert(page, text)
+        page.write_text(provenance.between(page.read_text(encoding="utf-8"), COMMAND, text), encoding="utf-8")
         draw(kept["implicit"], page.parent / "figures" / "convergence.png")
     return text, list(kept[scheme].values())
 
@@ -173,9 +174,3 @@ def count(results: dict[str, dict]) -> str:
     refused = [result["error"].startswith("not run") for result in results.values() if result["error"]]
     text = f"{sum(met)} of {len(met)} numbers meet their target; {len(refused) - sum(refused)} rows failed"
     return text + (f"; {sum(refused)} were not run." if any(refused) else ".")
-
-
-def insert(page: Path, text: str) -> None:
-    """Put the table between its marks in a page."""
-    before, rest = page.read_text(encoding="utf-8").split(BEGIN)
-    page.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
