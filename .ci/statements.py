@@ -1,6 +1,6 @@
 """Statements without docstrings of each part of the project, and how many there are a function and a line of code.
 
-python .ci/statements.py            # the parts beside their budgets
+python .ci/statements.py            # the parts beside their budgets; ends with 1 where one is over its own
 python .ci/statements.py PATH ...   # each file below these paths, largest first
 """
 
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-BUDGETS = {"taichi_mps": 10_600, "benchmarks": 2_100, "tests": 7_900}
+BUDGETS = {"taichi_mps": 13_000, "benchmarks and validation": 3_750, "tests": 10_400}
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 
 
@@ -30,18 +30,21 @@ def files(folder: Path) -> list[Path]:
     return sorted(folder.rglob("*.py")) if folder.is_dir() else [folder]
 
 
-def main():
+def main() -> int:
     if paths := [path for name in sys.argv[1:] for path in files(Path(name))]:
         for statements, path in sorted(((counts(path)[0], path) for path in paths), reverse=True):
             print(f"{statements:6} {path}")
-        return
-    print(f"{'':12}{'statements':>11}{'budget':>8}{'files':>7}{'a function':>12}{'a line':>8}")
+        return 0
+    over = False
+    print(f"{'':26}{'statements':>11}{'budget':>8}{'files':>7}{'a function':>12}{'a line':>8}")
     for part, budget in BUDGETS.items():
-        found = [counts(path) for path in files(ROOT / part)]
+        found = [counts(path) for folder in part.split(" and ") for path in files(ROOT / folder)]
         statements, functions, lines = (sum(column) for column in zip(*found, strict=True))
         means = f"{statements / functions:12.2f}{statements / lines:8.3f}"
-        print(f"{part:12}{statements:11}{budget:8}{len(found):7}{means}")
+        print(f"{part:26}{statements:11}{budget:8}{len(found):7}{means}")
+        over = over or statements > budget
+    return int(over)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -16,7 +16,6 @@ to rest or 120 s. shares: how often the intervals hold the constants of finite e
 
 import csv
 import sys
-from pathlib import Path
 
 import numpy as np
 import points
@@ -25,7 +24,6 @@ from taichi_mps.study.emulator import DENSITY, RESULT_COLUMNS, emulator_of
 from taichi_mps.study.fit import fit
 from taichi_mps.study.sweep import sweep
 
-ROOT = Path(__file__).resolve().parents[1]
 MIX = "yield_value", "plastic_viscosity"  # [Pa], [Pa s]
 # by table: scene and what all cases share; names of what they do not, nodes, and checks, which only tell the error
 TABLES = {
@@ -110,7 +108,7 @@ def write(name: str, workers="1") -> None:
               if row["status"] != "done"]  # fmt: skip
     if failed:
         sys.exit("\n".join(failed))
-    with open(ROOT / f"taichi_mps/study/{name}.csv", "w", newline="", encoding="utf-8") as file:
+    with open(points.ROOT / f"taichi_mps/study/{name}.csv", "w", newline="", encoding="utf-8") as file:
         made_by = f"By version {rows[0]['version']} and benchmarks/calibration_tables.py {name}"
         file.write(f"# {HEADS[name]}.\n# {made_by}; {points.stamp()}.\n")
         kept = [column for column in KEPT if column in rows[0]]

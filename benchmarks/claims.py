@@ -15,8 +15,8 @@ from itertools import product
 import numpy as np
 import points
 
-from taichi_mps.validation import standing, table
-from taichi_mps.validation.slumps import MILESTONES, inertial
+from validation import provenance, standing, table
+from validation.slumps import MILESTONES, inertial
 
 PAGES = [points.ROOT / "README.md", *sorted(points.DOCS.rglob("*.md"))]
 MARK = re.compile(r"([-+]?\d[\d,.]*(?:e-?\d+)?|\?)<!--([\w.-]+)-->")
@@ -299,10 +299,10 @@ def filled(page, known: dict[str, str]) -> str:
         raise SystemExit(f"{page}: a mark is unknown, or has no number before it: {wrong}")
     text = MARK.sub(lambda mark: f"{known[mark[2]]}<!--{mark[2]}-->", text)
     if page.name == "accuracy.md":
-        text = points.between(text, "benchmarks/claims.py", f"{accuracy()}\n\n{brackets()}")
+        text = provenance.between(text, "benchmarks/claims.py", f"{accuracy()}\n\n{brackets()}")
     if page.name == "validation.md":
         kept = [table.read_results(points.RESULTS, scheme) for scheme in ("implicit", "semi-implicit")]
-        text = points.between(text, "taichi-mps validate", table.markdown(*kept))
+        text = provenance.between(text, table.COMMAND, table.markdown(*kept))
     return text
 
 

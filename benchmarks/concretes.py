@@ -16,7 +16,7 @@ import points
 import taichi_mps as mps
 from taichi_mps.study import mixes
 from taichi_mps.study.emulator import DENSITY, FRICTION_TABLE, emulator_of
-from taichi_mps.validation import read_reference
+from validation import read_reference
 
 MEASURED = "E_measured_slump_flow_yeh.csv"
 YIELDS = 60.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0, 1200.0  # of the cones that slip [Pa]
@@ -57,8 +57,7 @@ def calibrated() -> str:
     mixes.write(found, file)
     file.write_text(f"# {points.stamp()}\n{file.read_text(encoding='utf-8')}", encoding="utf-8")
     lines = [line.strip().split(" ", 1) for line in mixes.tally(found).splitlines()]
-    table = ["| mixes | come out as |", "|---|---|", *(f"| {count} | {what} |" for count, what in lines)]
-    return "\n".join([*table, "", with_friction(found)])
+    return f"{points.table(['mixes', 'come out as'], lines)}\n\n{with_friction(found)}"
 
 
 def with_friction(found) -> str:
@@ -114,18 +113,16 @@ def draw() -> None:
     between = [(1 - t) * a + t * b for a, b in pairwise(rubbing) for t in np.linspace(0.0, 1.0, 11)]
     known = {"Bingham, no slip, 20 to 200 Pa s": cones} | others
     known[f"internal friction of {ANGLES[0]:g} to {ANGLES[-1]:g} degrees"] = np.concatenate(between)
-    lines = [
-        "| the cone | explains | slump missed by, median [mm] | flow missed by, median [mm] |",
-        "|---|---|---|---|",
-    ]
+    lines, head = [], ["the cone", "explains", "slump missed by, median [mm]", "flow missed by, median [mm]"]
     for name, way in (known | {"any of these": np.concatenate([w.reshape(-1, 2) for w in known.values()])}).items():
         error = missed(real, way)
         near = np.all(np.abs(error) <= NEAR, axis=1)
         typical = np.median(error, axis=0)
-        lines.append(f"| {name} | {near.sum()} of {len(real)} | {typical[0]:+.0f} | {typical[1]:+.0f} |")
-    lines += ["", f"Left out: {stands.sum()} without slump, {impossible.sum()} that hold less than the cone's volume."]
-    lines += ["", "What `taichi-mps calibrate --table` says of all 103, without slip:", "", calibrated()]
-    points.put("concretes.md", "concretes", "\n".join(lines), [points.load("concretes")])
+        lines.append([name, f"{near.sum()} of {len(real)}", f"{typical[0]:+.0f}", f"{typical[1]:+.0f}"])
+    left_out = f"Left out: {stands.sum()} without slump, {impossible.sum()} that hold less than the cone's volume."
+    says = "What `taichi-mps calibrate --table` says of all 103, without slip:"
+    text = "\n\n".join([points.table(head, lines), left_out, says, calibrated()])
+    points.put("concretes.md", "concretes", text, [points.load("concretes")])
 
     figure, axis = plt.subplots(figsize=(7.6, 5.4), layout="constrained")
     low, high = cones[0], cones[-1]

@@ -224,7 +224,7 @@ def placed(found: dict):
 
 def draw() -> None:
     """The tables and the chart."""
-    from taichi_mps.validation import provenance
+    from validation import provenance
 
     plt, found = points.pyplot(), points.read("convergence")
     short = f"{TOLD}\n\n{points.table(JUDGED, judged(found))}\n\n{points.table(PLACED_HEAD, placed(found))}"

@@ -23,6 +23,15 @@ from pathlib import Path
 import numpy as np
 import points
 
+import taichi_mps as mps
+from taichi_mps.io import checkpoint
+from taichi_mps.io.recorder import Recorder
+from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.problem import catalogue
+from taichi_mps.problem.problem import Problem
+from taichi_mps.runtime.stages import ONE_THREAD_BELOW_ROWS
+from taichi_mps.simulation.forecast import MEASURED, cost_of, memory_of, pairs_of
+
 RESULTS, RUNS = points.RESULTS / "cubic_metre.json", points.ROOT / "renders/cubic_metre"
 WALL = {"width": 0.2, "bar_diameter": 0.01, "cover": 0.025, "hose": "moving", "hose_diameter": 0.1}
 CASES = {
@@ -49,12 +58,6 @@ FEWEST = 100  # particles from which on the cost of a step is read; before, it i
 def compute(name: str, until: float | None, threads: int) -> None:
     """Run a case, from its checkpoint if there is one, to its end or to ``until`` [s]; write its run folder and its
     entry in RESULTS."""
-    import taichi_mps as mps
-    from taichi_mps.io import checkpoint
-    from taichi_mps.io.recorder import Recorder
-    from taichi_mps.io.run_folder import RunFolder
-    from taichi_mps.simulation.simulation import Simulation
-
     folder = RunFolder(RUNS / name)
     mps.init(threads=threads)
     problem = problem_of(CASES[name])
@@ -62,7 +65,7 @@ def compute(name: str, until: float | None, threads: int) -> None:
         state, _ = checkpoint.read_good(folder.checkpoint)
         sim = state.resume(state.admit(problem.scene))
     else:
-        sim = Simulation(problem)
+        sim = mps.Simulation(problem)
         folder.create(overwrite=True)
     every = EVERY * (1 + (problem.scene.until > OUTPUTS * EVERY))
     costs = Costs(folder.path / "costs.csv", sim)
@@ -87,10 +90,6 @@ def compute(name: str, until: float | None, threads: int) -> None:
 
 def problem_of(case: dict, **part):
     """The wall of a case, with the longer steps and the fewer outer iterations of those that ask for them."""
-    import taichi_mps as mps
-    from taichi_mps.problem import catalogue
-    from taichi_mps.problem.problem import Problem
-
     of_numerics = {key: case[key] for key in ("courant_number", "passes") if key in case}
     of_scene = {key: value for key, value in case.items() if key not in of_numerics}
     return Problem(catalogue.build("wall", **WALL | of_scene | part), mps.Implicit(**of_numerics))
@@ -177,8 +176,6 @@ def by_particles(particles, steps, seconds) -> list[list[float]]:
 
 def forecast(case: dict, until: float | None) -> dict:
     """Forecast of the case to its end, or to ``until`` [s]."""
-    from taichi_mps.simulation.forecast import MEASURED, cost_of, memory_of, pairs_of
-
     part = {} if until is None else {"until": until}
     problem = problem_of(case, **part)
     cost = cost_of(problem) if MEASURED.is_file() else None
@@ -192,9 +189,6 @@ def write(known: dict) -> None:
 
 def draw() -> None:
     """The table of costs that a forecast reads, the forecasts with it, and the chart."""
-    from taichi_mps.runtime.stages import ONE_THREAD_BELOW_ROWS
-    from taichi_mps.simulation.forecast import MEASURED
-
     known, bins = points.load("cubic_metre"), {}
     for longer in (False, True):  # longer steps iterate more: they tell of sizes only that nothing else tells of
         found = {}

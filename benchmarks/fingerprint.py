@@ -4,7 +4,6 @@
     python benchmarks/fingerprint.py --against OTHER         # run in turn with another checkout; both in one table
     python benchmarks/fingerprint.py --against OTHER --repeats 3 --out benchmarks/results/fingerprint.json
     python benchmarks/fingerprint.py --against OTHER --exact    # compiled without fast_math
-    python benchmarks/fingerprint.py --against OTHER --scatter  # measures at rest, five disturbed runs each
 
 Every built-in scene at a coarse spacing, both schemes where they apply, every model, wall surfaces and wall particles,
 friction, inlet, two mixes, a lifted mould, a solid from a mesh, flow curves, one and two threads, a run taken up again.
@@ -13,7 +12,7 @@ positions, velocities, pressures, shear rates, stresses and plastic rates in the
 
 With fast_math, the default, the compiler may contract and regroup sums anew where only the surroundings of a loop have
 changed; `--exact` compiles without it: then equal arithmetic has equal bits. Runs are chaotic in the last bits: final
-measures are compared by `--scatter`: cones to rest, five times each, their particles 1e-6 spacings aside.
+measures are compared by `models.py`, whose cones come to rest five times each, their particles 1e-6 spacings aside.
 
 CPU seconds are those of the steps after the first one, compile seconds those until its end; of repeats the least
 counts, for the machines are shared. `--out` writes the table as JSON and, beside it, as Markdown.
@@ -25,11 +24,15 @@ import json
 import os
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import points
+
+import taichi_mps as mps
+from taichi_mps.problem import catalogue
 
 CARRIED = "x", "u", "p", "shear_rate", "stress", "plastic_rate"
 COARSE = {"spacing": 0.02}
@@ -103,20 +106,6 @@ CASES = {
 }
 
 
-# cones to rest: keywords of scenes/slump.py, scheme implicit
-ENDS = {
-    "full, 20 mm, 500 Pa": {"spacing": 0.02, "yield_value": 500.0},
-    "full, 20 mm, 200 Pa": {"spacing": 0.02, "yield_value": 200.0},
-    "axisymmetric, 10 mm, 300 Pa": {"spacing": 0.01, "yield_value": 300.0, "model": "axisymmetric"},
-    "quarter, 15 mm, 300 Pa, bi-viscosity": {
-        "spacing": 0.015,
-        "yield_value": 300.0,
-        "model": "quarter",
-        "critical_strain_rate": 0.05,
-        "until": 2.0,
-    },
-}
-DISTURBED = 5
 # which tell whether numerics are the same, at the head of each result: cheap ones of both schemes
 SHORT = "film", "still_pool", "slump quarter", "Herschel-Bulkley", "slump semi-implicit", "film semi-implicit"
 
@@ -124,15 +113,11 @@ SHORT = "film", "still_pool", "slump quarter", "Herschel-Bulkley", "slump semi-i
 # ---- scenes ---------------------------------------------------------------------------------------------------------
 def built_in(name: str, **keywords):
     """A scene of the folder scenes/ of the checkout that is imported."""
-    from taichi_mps.problem import catalogue
-
     return catalogue.load(name)(**keywords)
 
 
 def friction(model="full"):
     """A coarse cone on a floor with a yield stress and a viscous constant of its own."""
-    import taichi_mps as mps
-
     scene = built_in("slump", spacing=0.02 if model == "full" else 0.01, model=model)
     law = mps.Friction(yield_value=50.0, viscous_constant=200.0)
     floor, *others = scene.walls
@@ -141,8 +126,6 @@ def friction(model="full"):
 
 def mixes():
     """A block on a floor, onto which a hose pours a denser and stiffer mix."""
-    import taichi_mps as mps
-
     spacing = 0.02
     first = mps.Bingham(density=2200.0, plastic_viscosity=20.0, yield_value=50.0)
     second = mps.Bingham(density=2400.0, plastic_viscosity=60.0, yield_value=150.0)
@@ -162,8 +145,6 @@ def building(rate, structure):
 
 def curve(law):
     """A plane block that spreads, by a flow curve other than Bingham's."""
-    import taichi_mps as mps
-
     spacing = 0.0125
     material = mps.HerschelBulkley(yield_value=100.0, consistency=40.0, flow_index=0.6)
     if law == "thixotropic":
@@ -180,8 +161,6 @@ def curve(law):
 
 def box():
     """A closed box that is full of a Bingham fluid, whose lid moves."""
-    import taichi_mps as mps
-
     spacing, size = 0.025, 0.5
     x = mps.fill(mps.Box((0.0, 0.0), (size, size)), spacing)
     walls = mps.box_planes((0.0, 0.0), (size, size))
@@ -208,11 +187,7 @@ def fingerprint(sim) -> str:
 
 def carry_out(name: str, exact: bool = False) -> dict:
     """Run a case in this process."""
-    import warnings
-
     import taichi
-
-    import taichi_mps as mps
 
     start = taichi.init
     if exact:
@@ -240,23 +215,6 @@ def carry_out(name: str, exact: bool = False) -> dict:
     }
 
 
-def measures_at_rest(name: str) -> list[dict]:
-    """Slump, spread and stop time of five runs to rest in this process, their particles 1e-6 spacings aside."""
-    import taichi_mps as mps
-
-    mps.init("cpu", "f32", 1)
-    scene = built_in("slump", **ENDS[name])
-    sim = mps.Simulation(scene)
-    start, found = sim.state(), []
-    for seed in range(DISTURBED):
-        aside = np.random.default_rng(seed).uniform(-1e-6, 1e-6, start["x"].shape) * scene.spacing
-        sim.load({**start, "x": start["x"] + aside})
-        sim.run()
-        measures = sim.measures()
-        found.append({"slump_m": measures["slump_m"], "spread_m": measures["spread_m"], "stop_s": sim.time})
-    return found
-
-
 # ---- all of them ----------------------------------------------------------------------------------------------------
 def of_checkout(checkout: Path, *words: str):
     """Run this file with options in a process of its own with the package of a checkout, and read the JSON that it
@@ -271,7 +229,7 @@ def of_checkout(checkout: Path, *words: str):
 
 def numerics() -> str:
     """Hash of the SHORT cases, exact; kept in build/ for these sources and this processor, for it takes a minute."""
-    from taichi_mps.validation import provenance
+    from validation import provenance
 
     sources = [file for part in ("taichi_mps", "scenes") for file in sorted((points.ROOT / part).rglob("*.py"))]
     state = hashlib.sha256(b"".join(file.read_bytes() for file in [*sources, Path(__file__)]))
@@ -319,24 +277,10 @@ def cells(name: str, now: dict, before: dict | None) -> list:
     return [*line, same, f"{before['cpu_s']:.2f}", f"{before['compile_s']:.1f}", f"{ratio:.2f}"]
 
 
-def scatter(checkouts: dict) -> list[list[str]]:
-    """Lines of a table: mean and standard deviation of the measures at rest, in each checkout."""
-    lines = []
-    for name in ENDS:
-        runs = {label: of_checkout(checkout, "--end", name) for label, checkout in checkouts.items()}
-        for measure in ("slump_m", "spread_m", "stop_s"):
-            values = [np.array([run[measure] for run in found]) for found in runs.values()]
-            lines.append([name, measure, *(f"{v.mean():.5f} +- {v.std(ddof=1):.5f}" for v in values)])
-            print(" | ".join(lines[-1]), flush=True)
-    return lines
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--case", choices=CASES, help="one case in this process, as JSON")
-    parser.add_argument("--end", choices=ENDS, help="one cone to rest in this process, as JSON")
     parser.add_argument("--numerics", action="store_true", help="one hash of the short cases, exact")
-    parser.add_argument("--scatter", action="store_true", help="measures at rest of disturbed runs")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="these cases")
     parser.add_argument("--against", type=Path, help="another checkout, run in turn with this one")
     parser.add_argument("--exact", action="store_true", help="compiled without fast_math")
@@ -346,31 +290,24 @@ def main():
     if arguments.case:
         print(json.dumps(carry_out(arguments.case, arguments.exact)))
         return
-    if arguments.end:
-        print(json.dumps(measures_at_rest(arguments.end)))
-        return
     if arguments.numerics:
         print(numerics())
         return
     checkouts = {"now": points.ROOT} | ({"before": arguments.against.resolve()} if arguments.against else {})
     results, exact = {}, ["--exact"] * arguments.exact
-    if arguments.scatter:
-        text = points.table(["cone", "measure", *checkouts], scatter(checkouts))
-    else:
-        lines = []
-        for name in arguments.only:
-            runs = {label: [] for label in checkouts}
-            for _ in range(arguments.repeats):
-                for label, checkout in checkouts.items():
-                    runs[label].append(of_checkout(checkout, "--case", name, *exact))
-            results[name] = {label: least(found) for label, found in runs.items()}
-            lines.append(cells(name, results[name]["now"], results[name].get("before")))
-            print("| " + " | ".join(map(str, lines[-1])) + " |", flush=True)
-        text = points.table(HEAD, lines)
+    lines = []
+    for name in arguments.only:
+        runs = {label: [] for label in checkouts}
+        for _ in range(arguments.repeats):
+            for label, checkout in checkouts.items():
+                runs[label].append(of_checkout(checkout, "--case", name, *exact))
+        results[name] = {label: least(found) for label, found in runs.items()}
+        lines.append(cells(name, results[name]["now"], results[name].get("before")))
+        print("| " + " | ".join(map(str, lines[-1])) + " |", flush=True)
     if arguments.out:
         told = {"machine": points.head(), "cases": results}
         arguments.out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-        arguments.out.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
+        arguments.out.with_suffix(".md").write_text(points.table(HEAD, lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

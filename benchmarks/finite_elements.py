@@ -14,11 +14,9 @@ eta/(rho H sqrt(g H)).
 """
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import points
@@ -26,7 +24,8 @@ import scipy.sparse as sparse
 from scipy.interpolate import PchipInterpolator
 from scipy.sparse.linalg import splu
 
-ROOT = Path(__file__).resolve().parents[1]
+from validation import columns, provenance
+
 HEIGHT, GRAVITY, DENSITY = 0.3, 9.81, 2300.0  # [m], [m/s2], [kg/m3]
 TIME = np.sqrt(HEIGHT / GRAVITY)  # [s]
 SPEED = np.sqrt(GRAVITY * HEIGHT)  # [m/s]
@@ -395,8 +394,6 @@ ROWS = (1000.0, 50.0, 5.0), (500.0, 50.0, 5.0), (300.0, 50.0, 0.5), (100.0, 50.0
 STATED = {"slump_mm": 0.4, "mean20_mm": 0.4, "spread_mm": 1.0}  # error of the reference [mm]
 MESHES = (8, 14), (12, 20), (18, 30)
 STUDY = 100.0, 1000.0  # [Pa]
-RESULTS = ROOT / "benchmarks/results"
-REFERENCE = ROOT / "taichi_mps/validation/reference/A_fe_inertial_slump_summary.csv"
 
 
 def last_of(yield_stress, viscosity, mesh, rule, until):
@@ -409,70 +406,60 @@ def last_of(yield_stress, viscosity, mesh, rule, until):
 
 
 def reference(yield_stress, viscosity, until):
-    """Row (dict) of the reference at that time, or at rest."""
-    lines = [line.split(",") for line in REFERENCE.read_text().splitlines() if not line.startswith("#")]
-    rows = [dict(zip(lines[0], line, strict=True)) for line in lines[1:]]
-    own = [
-        r for r in rows if r["model"] == "A" and (float(r["tau_Pa"]), float(r["eta_Pa_s"])) == (yield_stress, viscosity)
-    ]
-    return min(own, key=lambda row: (abs(float(row["time_s"]) - until), row["kind"] != "fixed"))
+    """Measures (dict) of the reference at that time, or at rest."""
+    own = columns("A_fe_inertial_slump_summary.csv", model="A", tau_Pa=yield_stress, eta_Pa_s=viscosity)
+    nearest = np.lexsort([own["kind"] != "fixed", np.abs(own["time_s"] - until)])[0]
+    return {name: own[name][nearest] for name in STATED}
 
 
 def head() -> dict:
     """Head of a result: no numerics of the particles enter it."""
-    from taichi_mps.validation import provenance
-
     return provenance.facts() | {provenance.NUMERICS: "none"}
 
 
 def rows() -> int:
     """Four rows of the reference beside this program, on its coarser mesh; 1 if one is off by more than is stated."""
-    text = [
-        f"Made with `python benchmarks/finite_elements.py rows` ({points.stamp(head())}): 12 by 20 elements, beside "
-        "the reference on 18 by 30.",
-        "",
-        "| yield stress [Pa] | at [s] | | here | reference | stated error | CPU-s |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    wrong = 0
+    lines, wrong = [], 0
     for yield_stress, viscosity, until in ROWS:
         found, known = (
             last_of(yield_stress, viscosity, (12, 20), "near", until),
             reference(yield_stress, viscosity, until),
         )
         for name, error in STATED.items():
-            off = bool(abs(found[name] - float(known[name])) > error)
+            off = bool(abs(found[name] - known[name]) > error)
             wrong += off
-            cells = f"{found[name]:.2f}", f"{float(known[name]):.2f}", f"{error:g}" + off * " (missed)"
+            cells = f"{found[name]:.2f}", f"{known[name]:.2f}", f"{error:g}" + off * " (missed)"
             when = "rest" if found["arrested"] else f"{until:g}"
             cells = when, name.replace("_mm", " [mm]"), *cells, f"{found['cpu_seconds']:.0f}"
-            text.append(f"| {yield_stress:g} | {' | '.join(cells)} |")
-            print(text[-1], flush=True)
-    (RESULTS / "finite_elements.md").write_text("\n".join(text) + "\n")
+            lines.append([f"{yield_stress:g}", *cells])
+            print(" | ".join(lines[-1]), flush=True)
+    about = (
+        f"Made with `python benchmarks/finite_elements.py rows` ({points.stamp(head())}): 12 by 20 elements, beside "
+    )
+    table = points.table(["yield stress [Pa]", "at [s]", "", "here", "reference", "stated error", "CPU-s"], lines)
+    text = f"{about}the reference on 18 by 30.\n\n{table}\n"
+    (points.RESULTS / "finite_elements.md").write_text(text, encoding="utf-8")
     return int(wrong > 0)
 
 
 def contact() -> int:
     """Rest shapes with two rules of the contact line on three meshes: results/contact_line.json, kept row by row."""
-    path = RESULTS / "contact_line.json"
-    found = json.loads(path.read_text()) if path.exists() else {}
+    found = points.load("contact_line")
     for yield_stress in STUDY:
         for mesh in MESHES:
             for rule in RULES:
                 name = f"{yield_stress:g} Pa, {mesh[0]} x {mesh[1]}, {rule}"
                 if name not in found:
                     found |= {"machine": head(), name: last_of(yield_stress, 50.0, mesh, rule, 3.0)}
-                    path.write_text(json.dumps(found, indent=1) + "\n")
+                    points.save("contact_line", found)
                     print(name, found[name], flush=True)
     return 0
 
 
 def draw() -> int:
     """Slump and slump flow of the contact study against the size of the elements: docs/figures/contact_line.png."""
-    import matplotlib.pyplot as plt
-
-    found = json.loads((RESULTS / "contact_line.json").read_text())
-    figure, axes = plt.subplots(2, len(STUDY), figsize=(8, 5), sharex=True, layout="constrained")
+    found = points.load("contact_line")
+    figure, axes = points.pyplot().subplots(2, len(STUDY), figsize=(8, 5), sharex=True, layout="constrained")
     for column, yield_stress in zip(axes.T, STUDY, strict=True):
         for axis, name in zip(column, ("mean20_mm", "spread_mm"), strict=True):
             for rule in RULES:
@@ -482,7 +469,7 @@ def draw() -> int:
         column[0].set_title(f"{yield_stress:g} Pa, 50 Pa s")
         column[1].set_xlabel("size of an element, over the height of the cone")
     axes[0, 0].legend(title="a node rolls onto the plate")
-    figure.savefig(ROOT / "docs/figures/contact_line.png", dpi=100)
+    figure.savefig(points.FIGURES / "contact_line.png", dpi=100)
     return 0
 
 

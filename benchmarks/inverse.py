@@ -3,18 +3,21 @@
     python benchmarks/inverse.py run [NAME ...]   # every case without a result: results/inverse.json
     python benchmarks/inverse.py draw             # docs/measured.md
 
-Measured: see the heads of the files in taichi_mps/validation/reference and tests/reference.
+Measured: see the heads of the files in validation/reference and tests/reference.
 """
 
 import csv
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import points
 
-from taichi_mps.validation import measured, read_reference
+from taichi_mps.io.run_folder import strict
+from taichi_mps.study.calibrate_curves import calibrate_curves
+from validation import columns, measured
 
 SLUMPS = points.ROOT / "tests" / "reference" / "fe_inertial_slump_history.csv"
 ELEMENTS = {"finite elements, 300 Pa": 300.0, "finite elements, 500 Pa": 500.0}  # yield stress [Pa], at 50 Pa s
@@ -27,6 +30,18 @@ SOURCE = {  # distance of the source's own estimates from the rheometer, mean |l
     "lotion 2023": 0.21,
     "moisturizing milk 2023": 0.42,
 }
+HEAD = (
+    "curve",
+    "yield stress [Pa]",
+    "off [%]",
+    "plastic viscosity [Pa s]",
+    "off [%]",
+    "held",
+    "3 %, 10 %, held",
+    "CPU-s",
+)
+FLUIDS_HEAD = ["fluid", "yield stress [Pa]", "consistency [Pa s^n]", "flow index", "off [%]", "source's [%]"]
+FLUIDS_HEAD += ["rheometer in the band", "CPU-s"]
 
 
 def cases() -> dict[str, dict]:
@@ -48,18 +63,13 @@ def cases() -> dict[str, dict]:
 def curve(name: str) -> list[list]:
     """Head and rows of the curve of a case, as a user has them."""
     if name in ELEMENTS:
-        lines = csv.DictReader(line for line in SLUMPS.read_text(encoding="utf-8").splitlines() if line[0] != "#")
-        want = {"model": "A", "tau_Pa": f"{ELEMENTS[name]:g}", "eta_Pa_s": "50"}
-        rows = [row for row in lines if want.items() <= row.items()]
-        times = np.array([float(row["t_s"]) for row in rows])
-        at = np.linspace(0.05, min(1.5, times[-1]), 30)
-        shown = [
-            np.interp(at, times, [float(row[key]) for row in rows]) for key in ("slump_mean_r20_mm", "spread_diam_mm")
-        ]
+        known = columns(str(SLUMPS), model="A", tau_Pa=ELEMENTS[name], eta_Pa_s=50.0)
+        at = np.linspace(0.05, min(1.5, known["t_s"][-1]), 30)
+        shown = [np.interp(at, known["t_s"], known[key]) for key in ("slump_mean_r20_mm", "spread_diam_mm")]
         return [["time [s]", "slump [mm]", "slump flow [mm]"], *np.stack([at, *shown], 1).tolist()]
     if name == FILM:
-        rows = read_reference("E_measured_slump_flow_curve_mojiri.csv")
-        film = [[float(row["video_time_s"]), float(row["diameter_ew_mm"])] for row in rows]
+        known = columns("E_measured_slump_flow_curve_mojiri.csv")
+        film = np.stack([known["video_time_s"], known["diameter_ew_mm"]], 1).tolist()
         return [["time [s]", "diameter [mm]"], *[row for row in film if ENDS[0] <= row[0] <= ENDS[1]][::5]]
     tests = {key: known for key, known in measured.tests().items() if key[0] == name}
     rows = [[*key[1:], t, front] for key, known in tests.items() for t, front in zip(*known, strict=True)]
@@ -68,17 +78,12 @@ def curve(name: str) -> list[list]:
 
 def point(name: str, scene: str, free: str = "yield_value,plastic_viscosity", **settings) -> dict:
     """Fit of a case: what calibrate writes."""
-    from taichi_mps.io.run_folder import strict
-    from taichi_mps.study.calibrate_curves import calibrate_curves
-
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "curve.csv"
         with open(file, "w", newline="", encoding="utf-8") as text:
             csv.writer(text).writerows(curve(name))
 
-        def told(line):
-            print(line, file=sys.stderr, flush=True)
-
+        told = partial(print, file=sys.stderr, flush=True)
         out = points.ROOT / "studies" / f"inverse {name}"
         return strict(calibrate_curves(scene, str(file), free, out, workers=1, watch=told, **settings).facts())
 
@@ -103,79 +108,31 @@ def interval(fit: dict, name: str) -> str:
 
 
 def draw() -> None:
-    results, lines, text, verdicts = points.read("inverse"), [], [], []
+    results, elements, fluids, verdicts = points.read("inverse"), [], [], []
     for name, tau in ELEMENTS.items():
-        if name in results:
-            fit = results[name]
-            apart = [
-                100.0 * (fit["constants"][key]["value"] / true - 1.0)
-                for key, true in (("yield_value", tau), ("plastic_viscosity", 50.0))
-            ]
-            held = all(
-                fit["constants"][key]["lower"] <= true <= fit["constants"][key]["upper"]
-                for key, true in (("yield_value", tau), ("plastic_viscosity", 50.0))
-            )
-            met = "met" if abs(apart[0]) <= 3.0 and abs(apart[1]) <= 10.0 and held else "**missed**"
-            lines.append(
-                [
-                    name,
-                    interval(fit, "yield_value"),
-                    f"{apart[0]:+.1f}",
-                    interval(fit, "plastic_viscosity"),
-                    f"{apart[1]:+.1f}",
-                    "yes" if held else "no",
-                    met,
-                    f"{fit['cpu_seconds']:.0f}",
-                ]
-            )
-    head = [
-        "curve",
-        "yield stress [Pa]",
-        "off [%]",
-        "plastic viscosity [Pa s]",
-        "off [%]",
-        "held",
-        "3 %, 10 %, held",
-        "CPU-s",
-    ]
-    text += [points.table(head, lines)] * bool(lines)
-    lines = []
+        fit, known = results[name], {"yield_value": tau, "plastic_viscosity": 50.0}
+        found = {key: fit["constants"][key] for key in known}
+        apart = [100.0 * (found[key]["value"] / true - 1.0) for key, true in known.items()]
+        held = all(found[key]["lower"] <= true <= found[key]["upper"] for key, true in known.items())
+        met = "met" if abs(apart[0]) <= 3.0 and abs(apart[1]) <= 10.0 and held else "**missed**"
+        cells = [cell for key, off in zip(known, apart, strict=True) for cell in (interval(fit, key), f"{off:+.1f}")]
+        elements.append([name, *cells, "yes" if held else "no", met, f"{fit['cpu_seconds']:.0f}"])
     for fluid, source in SOURCE.items():
-        if fluid in results:
-            fit, (apart, held) = results[fluid], off(results[fluid], fluid)
-            verdicts.append((apart, source, held))
-            constants = [interval(fit, key) for key in ("yield_value", "consistency", "flow_index")]
-            lines.append(
-                [
-                    fluid.removesuffix(" 2023"),
-                    *constants,
-                    f"{100.0 * apart:.0f}",
-                    f"{100.0 * source:.0f}",
-                    "yes" if held else "no",
-                    f"{fit['cpu_seconds']:.0f}",
-                ]
-            )
-    head = [
-        "fluid",
-        "yield stress [Pa]",
-        "consistency [Pa s^n]",
-        "flow index",
-        "off [%]",
-        "source's [%]",
-        "rheometer in the band",
-        "CPU-s",
+        fit, (apart, held) = results[fluid], off(results[fluid], fluid)
+        verdicts.append((apart, source, held))
+        cells = [interval(fit, key) for key in ("yield_value", "consistency", "flow_index")]
+        cells += [f"{100.0 * apart:.0f}", f"{100.0 * source:.0f}", "yes" if held else "no"]
+        fluids.append([fluid.removesuffix(" 2023"), *cells, f"{fit['cpu_seconds']:.0f}"])
+    apart, source, held = np.transpose(verdicts)
+    told = results[FILM]["told"].splitlines()
+    text = [
+        points.table(HEAD, elements),
+        points.table(FLUIDS_HEAD, fluids),
+        f"Off by {100.0 * apart.mean():.0f} % in the mean, the source's by {100.0 * source.mean():.0f}; "
+        f"{np.sum(apart <= source)} of {len(verdicts)} no farther off than its own, asked: all; "
+        f"{np.sum(held):.0f} of {len(verdicts)} bands of 95 % hold the rheometer's curve, asked: three.",
+        f"The filmed slump flow: {'; '.join(' '.join(line.split()) for line in told[:3])}. {told[-2]}",
     ]
-    text += [points.table(head, lines)] * bool(lines)
-    if verdicts:
-        apart, source, held = np.transpose(verdicts)
-        text.append(
-            f"Off by {100.0 * apart.mean():.0f} % in the mean, the source's by {100.0 * source.mean():.0f}; "
-            f"{np.sum(apart <= source)} of {len(verdicts)} no farther off than its own, asked: all; "
-            f"{np.sum(held):.0f} of {len(verdicts)} bands of 95 % hold the rheometer's curve, asked: three."
-        )
-    if FILM in results:
-        told = results[FILM]["told"].splitlines()
-        text.append(f"The filmed slump flow: {'; '.join(' '.join(line.split()) for line in told[:3])}. {told[-2]}")
     points.put("measured.md", "inverse", "\n\n".join(text), [points.load("inverse")])
 
 

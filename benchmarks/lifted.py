@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import points
 
-from taichi_mps.validation import provenance
+from validation import provenance
 
 SPEEDS = {"at once": None, "5 m/s": 5.0, "0.3 m/s": 0.3, "0.15 m/s": 0.15, "0.06 m/s": 0.06}
 MIXES = 100.0, 300.0, 500.0  # yield stresses [Pa], with 50 Pa s

@@ -10,11 +10,15 @@ step, which compiles. The reference is the finite elements of a true Bingham mat
 engine - reference.
 """
 
-import json
 import sys
 
 import numpy as np
 import points
+
+import taichi_mps as mps
+from taichi_mps.problem.accuracy import HEIGHT, MEASURED, Mix, ModelErrors
+from validation import columns
+from validation.slumps import MILESTONES, inertial
 
 VARIANTS = [("full", 0.02), ("full", 0.01), ("half", 0.01)]
 VARIANTS += [("quarter", spacing) for spacing in (0.02, 0.015, 0.01, 0.0075)]
@@ -29,9 +33,6 @@ ONLY_USUAL = ("quarter", 0.015), ("quarter", 0.0075), ("axisymmetric", 0.0025)
 
 def finite_elements(yield_value: float, plastic_viscosity: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [s], slumps and spreads [m] of the finite elements."""
-    from taichi_mps.validation import columns
-    from taichi_mps.validation.slumps import inertial
-
     if plastic_viscosity == USUAL:
         return inertial(yield_value)
     mix = {"yield_value_Pa": yield_value, "plastic_viscosity_Pa_s": plastic_viscosity}
@@ -42,8 +43,6 @@ def finite_elements(yield_value: float, plastic_viscosity: float) -> tuple[np.nd
 def reference(yield_value: float, plastic_viscosity: float) -> dict:
     """Milestones [s] that the finite elements have and their slumps [m] there, slump and spread [m] at their end, and
     when that is where they did not come to rest."""
-    from taichi_mps.validation.slumps import MILESTONES
-
     times, slumps, spreads = finite_elements(yield_value, plastic_viscosity)
     until = 5.0 if plastic_viscosity == USUAL else None
     shared = [t for t in MILESTONES if t in times]
@@ -53,8 +52,6 @@ def reference(yield_value: float, plastic_viscosity: float) -> dict:
 
 def run(model: str, spacing: float, yield_value: float, plastic_viscosity: float) -> dict:
     """RUNS slumps to rest: what the table needs, means in SI units."""
-    import taichi_mps as mps
-
     exact = reference(yield_value, plastic_viscosity)
     mps.init(threads=1)
     mix = {"yield_value": yield_value, "plastic_viscosity": plastic_viscosity}
@@ -111,7 +108,7 @@ def cells(mix: dict, row: dict) -> list[str]:
 
 
 def read() -> list[dict]:
-    found = [json.loads(path.read_text(encoding="utf-8")) for path in points.RESULTS.glob("models_*.json")]
+    found = [points.load(path.stem) for path in points.RESULTS.glob("models_*.json")]
     return sorted(found, key=lambda result: (result["yield_value"], result["plastic_viscosity"]))
 
 
@@ -122,8 +119,6 @@ def reach_error(row: dict) -> float:
 
 def measured(results: list[dict]) -> list:
     """Rows for the file of the package: errors over the height, by model, spacing and mix."""
-    from taichi_mps.problem.accuracy import HEIGHT, Mix, ModelErrors
-
     return [
         ModelErrors(
             row["model"],
@@ -143,8 +138,6 @@ def measured(results: list[dict]) -> list:
 
 def write(rows: list) -> None:
     """Write the file that the package reads, errors and costs shortened to three digits."""
-    from taichi_mps.problem.accuracy import MEASURED, ModelErrors
-
     lines = [
         "# Errors of the slump cone beside finite elements with inertia, over its height; spread: of half of it.",
         "# Written by `python benchmarks/models.py draw`; yield_number tau_y/(rho g H), viscosity_number",

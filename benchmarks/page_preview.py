@@ -12,37 +12,26 @@ import argparse
 import asyncio
 import os
 import re
-import statistics
 import time
 from pathlib import Path
 
+import numpy as np
 import points
+from scipy.stats import qmc
 
 from taichi_mps.app.resident import Resident
 
 MOVES = 50
 YIELD, VISCOSITY = (100.0, 2000.0), (5.0, 200.0)
-RESULT = Path(__file__).parent / "results" / "page_preview.md"
-
-
-def halton(k: int, base: int) -> float:
-    """The k-th point of the sequence, from 0 to 1."""
-    found, part = 0.0, 1.0 / base
-    while k:
-        k, digit = divmod(k, base)
-        found, part = found + digit * part, part / base
-    return found
 
 
 def mixes() -> list[dict[str, str]]:
     """The mixes of the moves, as texts of the form."""
-
-    def between(ends, part):
-        return f"{ends[0] * (ends[1] / ends[0]) ** part:.3g}"
-
+    low, high = np.log([YIELD, VISCOSITY]).T
+    parts = qmc.Halton(2, scramble=False).random(MOVES + 1)[1:]
+    named = "yield_value", "plastic_viscosity"
     return [
-        {"yield_value": between(YIELD, halton(k, 2)), "plastic_viscosity": between(VISCOSITY, halton(k, 3))}
-        for k in range(1, MOVES + 1)
+        {name: f"{x:.3g}" for name, x in zip(named, mix, strict=True)} for mix in np.exp(low + (high - low) * parts)
     ]
 
 
@@ -55,9 +44,8 @@ def spent(process: int) -> tuple[float, float]:
 
 async def move(resident: Resident, values: dict) -> dict:
     """One move: seconds to the first picture and to the result, of the processor, and what was found."""
-    begun, cpu, first, found = time.perf_counter(), None, None, {}
-    if resident.alive:
-        cpu = spent(resident.process.pid)[0]
+    begun, first, found = time.perf_counter(), None, {}
+    cpu = spent(resident.process.pid)[0] if resident.alive else 0.0
     async for part in resident.ask({"test": "slump", "values": values}):
         if "x" in part and first is None:
             first = time.perf_counter() - begun
@@ -66,7 +54,7 @@ async def move(resident: Resident, values: dict) -> dict:
     return {
         "first": first,
         "wall": time.perf_counter() - begun,
-        "cpu": after - (cpu or 0.0),
+        "cpu": after - cpu,
         "memory": memory,
         "slump": found["m"]["slump_m"][0],
     }
@@ -84,14 +72,9 @@ async def measured() -> tuple[dict, list[dict]]:
 
 def table(first: dict, moves: list[dict]) -> str:
     """Table of the measured times and memory as Markdown."""
-    lines = ["| | median | worst |", "|---|---|---|"]
-    for key, words in {
-        "first": "first picture, by the clock",
-        "wall": "result, by the clock",
-        "cpu": "processor",
-    }.items():
-        values = [it[key] for it in moves]
-        lines.append(f"| {words} [s] | {statistics.median(values):.2f} | {max(values):.2f} |")
+    told = {"first": "first picture, by the clock [s]", "wall": "result, by the clock [s]", "cpu": "processor [s]"}
+    values = {words: [it[key] for it in moves] for key, words in told.items()}
+    lines = [[words, f"{np.median(each):.2f}", f"{max(each):.2f}"] for words, each in values.items()]
     memory = ", ".join(f"{it['memory']:.0f}" for it in [first, *moves[9::10]])
     return "\n".join(
         [
@@ -100,7 +83,7 @@ def table(first: dict, moves: list[dict]) -> str:
             f"`python benchmarks/page_preview.py` ({points.stamp()}): {MOVES} moves of the sliders over {YIELD[0]:g} "
             f"to {YIELD[1]:g} Pa and {VISCOSITY[0]:g} to {VISCOSITY[1]:g} Pa s, rings of 10 mm, to rest.",
             "",
-            *lines,
+            points.table(["", "median", "worst"], lines),
             "",
             f"With {os.cpu_count()} cores and {os.getloadavg()[1]:.0f} programs at work in the last five minutes.",
             "",
@@ -117,7 +100,7 @@ def main():
     text = table(*asyncio.run(measured()))
     print(text)
     if not parser.parse_args().print:
-        RESULT.write_text(text, encoding="utf-8")
+        (points.RESULTS / "page_preview.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

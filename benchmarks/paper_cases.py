@@ -14,6 +14,10 @@ from itertools import cycle
 import numpy as np
 import points
 
+from taichi_mps.viz import plots
+from validation import columns
+from validation.slumps import inertial
+
 FRAMES = points.ROOT / "renders" / "paper"
 MILESTONES = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)
 PICTURES = (0.0, 0.1, 1.0, 5.0)
@@ -33,7 +37,6 @@ def run_case(name):
     """Run one case in this process and write its JSON."""
     import taichi_mps as mps
     from taichi_mps.problem.numerics import NUMERICS
-    from taichi_mps.terms.rheology import apparent_viscosity
 
     settings = CASES[name]
     tau_y, eta = PAPER[settings["case"]] if "case" in settings else (settings["yield_value"], 50.0)
@@ -85,7 +88,7 @@ def run_case(name):
         "summary": sim.summary(),
     }
     if pi_c := settings.get("pi_c") or (0.1 if settings["scheme"] == "semi-implicit" else None):
-        out["unyielded_viscosity_Pa_s"] = float(apparent_viscosity(0.0, eta, tau_y, pi_c))
+        out["unyielded_viscosity_Pa_s"] = eta + tau_y / (2.0 * pi_c)
     points.save(f"paper_{name}", out)
     print(f"{name}: slump {1e3 * slump[-1]:.1f} mm, spread {1e3 * spread[-1]:.1f} mm at {sim.time:.2f} s, "
           f"{sim.steps} steps, {sim.cpu_seconds:.1f} CPU-s, {error or sim.stopped_by}")  # fmt: skip
@@ -104,8 +107,6 @@ def of_the_papers_scheme(cases) -> dict[str, dict]:
 
 def history(tau_y, eta):
     """Finite elements of the bi-viscosity law, pi_c = 0.1 1/s: times [s] and slumps over r < 20 mm [m]."""
-    from taichi_mps.validation import columns
-
     path = points.ROOT / "tests" / "reference" / "fe_inertial_slump_history.csv"
     known = columns(str(path), model="B", tau_Pa=tau_y, eta_Pa_s=eta, gc_1_s=0.2)
     return known["t_s"], 1e-3 * known["slump_mean_r20_mm"]
@@ -121,8 +122,6 @@ def at(result, t, key="slump_m"):
 
 def table(names, pi_c):
     """Markdown: slump of each case at the milestones, the reference beside it."""
-    from taichi_mps.validation.slumps import inertial
-
     lines = []
     for name in names:
         if result := points.load(f"paper_{name}"):
@@ -151,8 +150,6 @@ def table(names, pi_c):
 def marks_and_lines(marks, lines, out, **settings):
     """Marks {label: (x, y)}, and lines of the same kind in the colour of the marks of their label, or grey; settings:
     of the axes, those of matplotlib."""
-    from taichi_mps.viz import plots
-
     figure, axes = plots._figure(7.0, 4.8)
     colour, grey = plots._colours(marks), cycle(("--", ":", "-."))
     for label, pair in lines.items():
@@ -170,10 +167,6 @@ def marks_and_lines(marks, lines, out, **settings):
 def draw():
     """Figures 4-10 of the paper, drawn with its scheme beside ``implicit`` and finite elements, and the tables."""
     import imageio.v3 as imageio
-
-    from taichi_mps.terms.rheology import apparent_viscosity
-    from taichi_mps.validation.slumps import inertial
-    from taichi_mps.viz import plots
 
     for number, cases in ((5, (1, 2, 3)), (9, (4, 5))):
         found = of_the_papers_scheme(cases)
@@ -197,10 +190,10 @@ def draw():
         samples, laws, rate = {}, {}, np.logspace(-2, 1.5, 200)
         for k in cases:
             tau_y, eta = PAPER[k]
-            laws[f"#{k}"] = (rate, apparent_viscosity(rate, eta, tau_y, 0.1, np.maximum))
+            laws[f"#{k}"] = (rate, eta + tau_y / np.maximum(rate, 0.2))  # of pi_c = 0.1 1/s
             for label, source in of_the_papers_scheme((k,)).items():
                 rates = np.concatenate([np.array(v) for v in source["shear_rate_quantiles"].values()])
-                samples[label] = (rates, apparent_viscosity(rates, eta, tau_y, 0.1, np.maximum))
+                samples[label] = (rates, eta + tau_y / np.maximum(rates, 0.2))
         axes = {"xscale": "log", "yscale": "log", "xlabel": "shear rate [1/s]", "ylabel": "viscosity [Pa s]"}
         marks_and_lines(samples, laws, points.FIGURES / f"{figure}.png", **axes)
     for figure, name in (("paper_fig7", paper_scheme(1)), ("paper_fig8", paper_scheme(3))):

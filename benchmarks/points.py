@@ -9,6 +9,9 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT))
+from validation import provenance  # noqa: E402
+
 RESULTS, FIGURES, DOCS = ROOT / "benchmarks" / "results", ROOT / "docs" / "figures", ROOT / "docs"
 ASIDE = 1e-6  # by how much particles stand aside in repeated runs [spacings]
 
@@ -16,8 +19,6 @@ ASIDE = 1e-6  # by how much particles stand aside in repeated runs [spacings]
 @cache
 def head() -> dict:
     """Head of a result that this process writes: commit, date, processor, versions, hash of the numerics."""
-    from taichi_mps.validation import provenance
-
     return provenance.head(RESULTS)
 
 
@@ -41,8 +42,8 @@ def load(name: str) -> dict:
 
 def save(name: str, result: dict) -> None:
     """Write results/<name>.json under its head, whole or not at all; points that are kept have one each."""
-    draft = RESULTS / f"{name}.json.part"
-    draft.write_text(json.dumps({"machine": head()} | result, indent=1) + "\n", encoding="utf-8")
+    draft, made = RESULTS / f"{name}.json.part", result.get("machine") or head()
+    draft.write_text(json.dumps({"machine": made} | result, indent=1) + "\n", encoding="utf-8")
     draft.replace(RESULTS / f"{name}.json")
 
 
@@ -87,20 +88,13 @@ def table(head, rows) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
-def between(text: str, name: str, block: str) -> str:
-    """A page with this block between the marks of a command."""
-    begin, end = f"<!-- written by {name} -->", f"<!-- end of {name} -->"
-    before, rest = text.split(begin)
-    return f"{before}{begin}\n\n{block}\n\n{end}{rest.split(end)[1]}"
-
-
 def put(page: str, name: str, text: str, results=()) -> None:
     """Replace what stands between the marks of ``name`` in a page of docs/, and say where its results come from."""
-    from taichi_mps.validation import provenance
-
     block = f"{text}\n\n{provenance.origin(results)}" if results else text
     page = DOCS / page
-    page.write_text(between(page.read_text(encoding="utf-8"), f"benchmarks/{name}.py", block), encoding="utf-8")
+    page.write_text(
+        provenance.between(page.read_text(encoding="utf-8"), f"benchmarks/{name}.py", block), encoding="utf-8"
+    )
 
 
 def pyplot():

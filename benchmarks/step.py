@@ -16,6 +16,9 @@ import sys
 import time
 
 import numpy as np
+import points
+
+import taichi_mps as mps
 
 RUNS = (
     "particles",
@@ -30,8 +33,6 @@ RUNS = (
 
 def measure(particles: int, threads: int, arch: str) -> dict:
     """Wall seconds of steps and of their stages."""
-    import taichi_mps as mps
-
     mps.init(arch, threads=threads)
     spacing = (mps.Cone(0.1, 0.05, 0.3).volume / particles) ** (1 / 3)
     sim = mps.Simulation(mps.slump_cone(yield_value=300.0, spacing=spacing))
@@ -55,20 +56,19 @@ def measure(particles: int, threads: int, arch: str) -> dict:
 
 def tables(rows: list[dict]) -> str:
     """The runs, and the stages of the largest with one thread, as Markdown."""
-    lines = [f"| {' | '.join(RUNS)} |", "|---" * len(RUNS) + "|"]
-    alone = {row["particles"]: row for row in rows if row["threads"] == 1}
+    lines, alone = [], {row["particles"]: row for row in rows if row["threads"] == 1}
     for row in rows:
         mean, least = (1e6 * seconds / row["particles"] for seconds in (row["mean"], min(row["walls"])))
         cells = f"{row['particles']:,}", row["threads"], len(row["walls"]), f"{row['iterations']:.1f}"
         cells += f"{mean:.3g}", f"{least:.3g}", f"{alone[row['particles']]['mean'] / row['mean']:.2f}"
-        lines.append(f"| {' | '.join(map(str, cells))} |")
+        lines.append(cells)
     last = alone[max(alone)]
-    lines += ["", f"{last['particles']:,} particles, one thread, by stage:", ""]
-    lines += ["| stage | share of the time | ms a call |", "|---|---|---|"]
     whole = sum(seconds for _, seconds, _ in last["stages"])
-    for name, seconds, calls in sorted(last["stages"], key=lambda stage: -stage[1]):
-        lines.append(f"| {name} | {seconds / whole:.1%} | {1e3 * seconds / calls:.3g} |")
-    return "\n".join(lines)
+    stages = sorted(last["stages"], key=lambda stage: -stage[1])
+    shares = [(name, f"{spent / whole:.1%}", f"{1e3 * spent / calls:.3g}") for name, spent, calls in stages]
+    told = f"{last['particles']:,} particles, one thread, by stage:"
+    by_stage = points.table(["stage", "share of the time", "ms a call"], shares)
+    return "\n\n".join([points.table(RUNS, lines), told, by_stage])
 
 
 def main() -> None:

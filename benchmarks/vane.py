@@ -3,7 +3,7 @@
     python benchmarks/vane.py run    # every speed without a result: results/vane.json, some CPU-minutes
     python benchmarks/vane.py draw   # docs/scenes/vane.md and its chart
 
-Measured: Thiedeitz, see the heads of the files in taichi_mps/validation/reference. The flow curve is that of a
+Measured: Thiedeitz, see the heads of the files in validation/reference. The flow curve is that of a
 parallel-plate rheometer, by which the vane gives more by a constant factor: only the shape of torque against speed is
 asked.
 """
@@ -11,7 +11,7 @@ asked.
 import numpy as np
 import points
 
-from taichi_mps.validation import read_reference
+from validation import read_reference
 
 PASTES = {  # yield stress [Pa], consistency [Pa s^n] and flow index of the source's fits, means of its samples
     "0.45-250": (7.48, 1.655, 0.676),

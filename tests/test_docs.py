@@ -193,7 +193,7 @@ def shortened(words):
     extras = {"--film": "imageio_ffmpeg", "--surface": "pysplashsurf"}
     absent = any(find_spec(module) is None for option, module in extras.items() if option in words)
     elsewhere = any(word.startswith("dask://") for word in words)
-    if absent or elsewhere or words[0] in ("validate", "app") or {"--page", "--curve"} & set(words):
+    if absent or elsewhere or words[0] == "app" or {"--page", "--curve"} & set(words):
         return None
     if words[0] not in ("run", "resume", "sweep") or "--help" in words:
         return words

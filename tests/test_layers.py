@@ -82,6 +82,14 @@ def test_terms_do_not_import_each_other():
             assert others <= SHARED_TERMS, f"{name} imports {others - SHARED_TERMS}"
 
 
+def test_the_package_imports_nothing_that_a_wheel_lacks():
+    """The package runs without validation/, benchmarks/ and tests/ of a checkout."""
+    for name, tree in MODULES.items():
+        found = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and not node.level]
+        found += [each.name for node in ast.walk(tree) if isinstance(node, ast.Import) for each in node.names]
+        assert not {"validation", "benchmarks", "tests"} & {each.split(".")[0] for each in found}, name
+
+
 def test_no_import_circles():
     graph = {name: imports(name, MODULES[name]) for name in PLAIN}
     assert list(TopologicalSorter(graph).static_order())  # CycleError names the circle

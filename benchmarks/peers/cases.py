@@ -1,7 +1,7 @@
 """The cases all peers run, who runs them with which settings, and how a run is judged. No Taichi here.
 
 Slump: the cone of the engine's `slump` scene, released at once, rho = 2300 kg/m3, eta = 50 Pa s, to t = 1 s. The
-reference is finite elements of a true Bingham material with inertia (taichi_mps/validation/reference, +-0.4 mm). Error:
+reference is finite elements of a true Bingham material with inertia (validation/reference, +-0.4 mm). Error:
 the largest of slump at 0.1, 0.2, 0.3, 0.5 and 1 s. Dam break: the `dam_break` scene; front against Martin and Moyce.
 """
 
@@ -14,12 +14,13 @@ import numpy as np
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.problem import measures as measure
-from taichi_mps.validation.fluids import COLUMN, front_errors
-from taichi_mps.validation.slumps import MILESTONES as TIMES
-from taichi_mps.validation.slumps import inertial
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from points import aside  # noqa: E402
+
+from validation.fluids import COLUMN, front_errors  # noqa: E402
+from validation.slumps import MILESTONES as TIMES  # noqa: E402
+from validation.slumps import inertial  # noqa: E402
 
 CONE = {"base_radius": 0.1, "top_radius": 0.05, "height": 0.3}  # [m]
 MIX = {"density": 2300.0, "plastic_viscosity": 50.0}

@@ -1,11 +1,14 @@
-"""Virtual environments of the peers: their places, and how they are made."""
+"""Virtual environments of the peers: their places, how they are made, and what a peer's script does in one."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 HOME = Path("~/.cache/taichi_mps_peers").expanduser()
 
@@ -44,3 +47,12 @@ def make_environment(name: str, packages: tuple[str, ...]) -> None:
     subprocess.run([sys.executable, "-m", "venv", str(folder(name))], check=True)
     subprocess.run([str(folder(name) / "bin" / "python"), "-m", "pip", "install", *packages], check=True)
     (folder(name) / "installed").write_text("\n".join(packages) + "\n", encoding="utf-8")
+
+
+def main(name: str, packages: tuple[str, ...], simulate) -> None:
+    """What the script of a peer does: ``install``, or CASE.json OUT.npz by its function ``simulate``."""
+    if sys.argv[1:] == ["install"]:
+        make_environment(name, packages)
+    else:
+        case, out = sys.argv[1:]
+        np.savez(out, **simulate(json.loads(Path(case).read_text(encoding="utf-8"))))

@@ -11,12 +11,10 @@ The floor holds: friction 1e4, adhesion 1e6 Pa. A case with a ``lift_speed`` has
 t = 0 on with its speed [m/s]: a mesh that moves, without friction and adhesion.
 """
 
-import json
 import resource
-import sys
-from pathlib import Path
 
 import numpy as np
+from environments import main
 
 NEEDS = ("newton==1.8.0", "warp-lang==1.19.0")
 
@@ -115,10 +113,4 @@ def simulate(case: dict) -> dict:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["install"]:
-        from environments import make_environment
-
-        make_environment("newton", NEEDS)
-    else:
-        case, out = json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2])
-        np.savez(out, **simulate(case))
+    main("newton", NEEDS, simulate)

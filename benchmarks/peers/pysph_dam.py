@@ -7,13 +7,11 @@ dam_break_2d (sound speed 10 sqrt(2 g H), alpha 0.1, h = 1.3 l0, its time steps)
 four layers of wall particles as there. Its compiled loops come from its cache; what compiles is not counted.
 """
 
-import json
 import resource
-import sys
 import tempfile
-from pathlib import Path
 
 import numpy as np
+from environments import main
 
 NEEDS = ("pysph==1.0b2", "setuptools<81", "numpy")
 
@@ -74,9 +72,4 @@ def simulate(case: dict) -> dict:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["install"]:
-        from environments import make_environment
-
-        make_environment("pysph", NEEDS)
-    else:
-        np.savez(sys.argv[2], **simulate(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))))
+    main("pysph", NEEDS, simulate)

@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from environments import main
 
 NEEDS = ("pysplishsplash==2.19.0", "numpy")
 PRELOAD = "libGLdispatch.so.0"
@@ -124,11 +125,6 @@ def simulate(case: dict) -> dict:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["install"]:
-        from environments import make_environment
-
-        make_environment("splishsplash", NEEDS)
-    elif PRELOAD not in os.environ.get("LD_PRELOAD", ""):
+    if sys.argv[1:] != ["install"] and PRELOAD not in os.environ.get("LD_PRELOAD", ""):
         os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | {"LD_PRELOAD": PRELOAD})
-    else:
-        np.savez(sys.argv[2], **simulate(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))))
+    main("splishsplash", NEEDS, simulate)

@@ -29,7 +29,6 @@ from .options import (
     Pictures,
     Remedy,
     Run,
-    Table,
     command,
     given,
     is_tuple,
@@ -52,7 +51,6 @@ from .run import (
 from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme that does not come to rest
-TARGET_MISSED = 1  # exit code of validate if a target is missed
 RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
 KEPT_OPTIONS = ["scheme", "precision", "out", "overwrite"]  # options of a run that resume cannot change
@@ -300,32 +298,6 @@ def info(arguments) -> int:
     return tell(arguments, facts | found, f"{text.format(**facts)}It uses {uses}.")
 
 
-@command(
-    "Run cases with a known answer; ends with 1 where a target is missed or a row fails.",
-    {
-        "rows": {"nargs": "*", "help": "names of rows; all by default"},
-        "--quick": {"action": "store_true", "help": "only the rows of a few seconds"},
-        "--out": {"default": "renders/validation", "help": "folder for table.md and a JSON file a row"},
-        "--page": {"help": "Markdown page with the marks of the table, to write it into"},
-        **JSON,
-    },
-    {Table: ("table",)},
-)
-def validate(arguments) -> int:
-    """run the validation table, or some of its rows"""
-    options = Table(**given(arguments, Table))
-    from ..validation import table as validation
-
-    names = arguments.rows, arguments.quick
-    text, results = validation.run_table(
-        *names, user_path(arguments.out), arguments.page, options.scheme, options.budget
-    )
-    tell(arguments, results, text)
-    failed = any(result["error"] and not result["error"].startswith("not run") for result in results)
-    missed = not all(item["met"] for result in results for item in result["numbers"])
-    return TARGET_MISSED if failed or missed else DONE
-
-
 def prepare_streams() -> None:
     """Replace missing standard streams (>&-, pythonw) by the null device, or the next files would get their numbers;
     and let outputs show characters that their encoding lacks as codes."""
@@ -347,7 +319,6 @@ COMMANDS = {
     "export": export,
     "plot": plot,
     "report": report,
-    "validate": validate,
     **STUDY,
     "scenes": scenes,
     "info": info,
@@ -370,6 +341,8 @@ def main(argv=None, more=None) -> int:
         if argv[0] == "--version":
             say(__version__)
             return DONE
+        gone = "the command validate is gone; from a checkout: python -m validation ROW"
+        require(argv[0] != "validate", gone)
         require(argv[0] in commands, f"unknown command '{argv[0]}'{suggestion(argv[0], commands)}")
         with warnings.catch_warnings():  # a warning is a line and never ends a run, whatever PYTHONWARNINGS says
             warnings.filters = [each for each in warnings.filters if each[0] != "error"]

@@ -42,7 +42,6 @@ EXAMPLES = {
     "export": "export renders/slump --surface",
     "plot": "plot renders/soft renders/quick --out both.png",
     "report": "report renders/slump",
-    "validate": "validate --quick",
     "sweep": "sweep slump --yield-stress 50:1500:12 --plastic-viscosity 20,50,100",
     "calibrate": "calibrate --slump 18cm --slump-flow 32cm",
     "chart": "chart --out chart.png",
@@ -153,13 +152,6 @@ class Remedy(Checked):
     courant_number: Ratio | None = Field(None, description=COURANT)
     max_time_step: Duration | None = Field(None, description="no step is longer")
     diffusion_number: Ratio | None = Field(None, description="of the scheme semi-implicit")
-
-
-class Table(Checked):
-    """Options of validate."""
-
-    scheme: SCHEMES = Field("implicit", description="numerical scheme, with its defaults")
-    budget: Duration | None = Field(None, description="CPU time after which a row is stopped")
 
 
 class Parser(argparse.ArgumentParser):

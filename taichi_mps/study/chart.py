@@ -7,7 +7,6 @@ import numpy as np
 from ..problem import catalogue
 from ..problem.labels import in_words, title, unit_of_measure
 from ..units import Picture, Place, SceneError, quote, unit_of, validated
-from ..validation import columns as reference
 from ..viz.plots import COLOURS, _figure, _save
 from .calibrate import CONE_RESULTS
 from .curves import SHEAR_RATES
@@ -25,6 +24,7 @@ FORMULAS = {  # column of the reference: authors, and the range of slumps [mm] i
     "s_schowalter_mm": ("static column, Murata 1984, Christensen", (0.0, 300.0)),
 }
 ELEMENTS = "finite elements, 50 Pa s", "finite elements without inertia"
+HERE = Path(__file__).parent
 GREY = {"color": "#777f88", "lw": 1.3}  # of formulas
 
 
@@ -36,6 +36,14 @@ def set_log_ticks(axis, low: float, high: float, values=()) -> None:
     ticks = sorted(values) if values and len(ticks) < 3 else ticks
     axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
     axis.set_ticks([], minor=True)
+
+
+def reference(name: str) -> np.ndarray:
+    """Rows of a reference CSV by column name: inside an installed package, of validation/ in a checkout."""
+    inside = HERE / "reference" / name
+    file = inside if inside.is_file() else catalogue.PACKAGE.parent / "validation" / "reference" / name
+    lines = [line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    return np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8", deletechars="")
 
 
 @validated
@@ -57,7 +65,8 @@ def slump_chart(out: Picture, study: Place | None = None) -> Path:
         left.semilogx(tau, np.where(valid, 0.1 * formulas[name], np.nan), ls=style, label=who, **GREY)
     flow = np.where(tau <= 200.0, 0.1 * formulas["SF_Coussot_mm"], np.nan)
     right.semilogx(tau, flow, label="thin layer at rest, Coussot 1996", **GREY)
-    final = reference("A_fe_inertial_slump_summary.csv", model="A", eta_Pa_s=50.0)
+    final = reference("A_fe_inertial_slump_summary.csv")
+    final = final[(final["model"] == "A") & (final["eta_Pa_s"] == 50.0)]
     static = reference("A_fe_slump_abrams_final.csv")
     for table, selected, x, names, marker, label in (
         (final, np.char.startswith(final["kind"], "final"), "tau_Pa", ("mean20_mm", "spread_mm"), "o", ELEMENTS[0]),

@@ -33,15 +33,10 @@ def deviator(G):
     return 0.5 * (G + G.transpose()) - (G.trace() / G.n) * ti.Matrix.identity(float, G.n)
 
 
-def apparent_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rate, maximum=max):
-    """mu = eta + tau_y / max(shear rate, 2 pi_c) [Pa s] (eqs 5, 9 with Pi_c = (2 pi_c)^2, eq 3); ``maximum`` may be
-    numpy.maximum for arrays. Below 2 pi_c the material counts as unyielded."""
-    return plastic_viscosity + yield_value / maximum(rate, 2.0 * critical_strain_rate)
-
-
 @ti.func
 def bi_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rate):
-    """Apparent viscosity [Pa s] inside a kernel; a Newtonian mix at rest has neither a yield stress nor a rate."""
+    """mu = eta + tau_y / max(shear rate, 2 pi_c) [Pa s] (eqs 5, 9 with Pi_c = (2 pi_c)^2, eq 3); below 2 pi_c the
+    material counts as unyielded. A Newtonian mix at rest has neither a yield stress nor a rate."""
     return plastic_viscosity + yield_value / ti.max(rate, 2.0 * critical_strain_rate, 1e-12)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from taichi_mps.validation import provenance, table
+from validation import provenance, table
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
@@ -120,7 +120,7 @@ def results(tmp_path, monkeypatch):
 
 
 def test_a_result_says_what_it_was_made_with(results, tmp_path, monkeypatch):
-    """Results of benchmarks and of validate state commit, date, processor and versions; outside of benchmarks/ without
+    """Results of benchmarks and of rows state commit, date, processor and versions; outside of benchmarks/ without
     the hash."""
     points.save("mine", {"rows": []})
     monkeypatch.setattr(table, "run_apart", lambda name, *how: result() | {"row": name})

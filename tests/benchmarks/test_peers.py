@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_mps.validation import columns
+from validation import columns
 
 PEERS = Path(__file__).resolve().parents[2] / "benchmarks" / "peers"
 sys.path.append(str(PEERS))

@@ -10,7 +10,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
 from taichi_mps.simulation.reuse import begin
-from taichi_mps.validation import columns, flows
+from validation import columns, flows
 
 DENSITY, DEPTH = 2300.0, 0.1
 WEIGHT = DENSITY * 9.81 * np.sin(np.radians(10.0))  # of the film along its slope [N/m3]

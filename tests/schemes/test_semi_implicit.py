@@ -10,8 +10,8 @@ from taichi_mps.linear.pcg import CONVERGED
 from taichi_mps.problem import catalogue
 from taichi_mps.schemes.scheme import Speeds
 from taichi_mps.simulation.simulation import Simulation
-from taichi_mps.validation.flows import l2, profile
 from tests.support import inside
+from validation.flows import l2, profile
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 L0 = 0.01

@@ -12,7 +12,7 @@ both schemes, and ``box``, soft concrete (50 Pa, 5 Pa s) on a no-slip floor betw
 - a free disc that keeps its rotation by default: simulation/test_frame.py; a square patch in rotation, to 2 rad, and
   the disc by the paper's scheme: rows square_patch, square_patch_fine, rotating_disc (validation/test_validation.py)
 - at full size, with either scheme: rows still_pool_* (100 s of rest), column_* (about the critical height), slump_100
-  (a moving front; literal: ends at 0.07 s) of ``taichi-mps validate``
+  (a moving front; literal: ends at 0.07 s) of ``python -m validation``
 """
 
 import math
@@ -114,7 +114,7 @@ def test_any_diffusion_number_is_stable_by_default(free_default):
 
 def test_a_viscosity_ratio_of_a_million_costs_the_literal_scheme_its_step(box_default):
     """The stiffest material sets the literal step, nu dt/l0^2 <= 0.2: dt = 1e-10 s. The default's step is that of eta
-    at any ratio (a film at a ratio of a million: row film_viscosity_ratio of ``taichi-mps validate``)."""
+    at any ratio (a film at a ratio of a million: row film_viscosity_ratio of ``python -m validation``)."""
     material = mps.Bingham(
         density=DENSITY,
         plastic_viscosity=ETA,

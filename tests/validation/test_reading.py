@@ -7,8 +7,8 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.validation import columns, curved, flows
-from taichi_mps.validation.vortices import fitted, stream_function
+from validation import columns, curved, flows
+from validation.vortices import fitted, stream_function
 
 ACROSS = 40
 

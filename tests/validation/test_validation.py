@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli.main import main
 from taichi_mps.problem import catalogue
 from taichi_mps.runtime import backend
-from taichi_mps.validation import SLUMP_ERROR, Measured, Setting, cases, flows, simulate, standing, table
 from taichi_mps.viz import plots
 from tests.support.inside import find
+from validation import SLUMP_ERROR, Measured, Setting, cases, flows, simulate, standing, table
+from validation.__main__ import main
 
 RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results"
 ROWS = table.ROWS
@@ -64,7 +64,7 @@ def setting(monkeypatch):
 
 @pytest.mark.parametrize(("scheme", "name"), [CASES[0], *(pytest.param(*c, marks=pytest.mark.slow) for c in CASES[1:])])
 def test_a_row_meets_its_targets_but_for_what_is_known_to_miss(scheme, name, setting):
-    """A row, compiled and run as by `taichi-mps validate`, misses exactly the targets that MISSED names, but for what
+    """A row, compiled and run as by `python -m validation`, misses exactly the targets that MISSED names, but for what
     another processor MAY_MEET."""
     result = table.run_row(name, scheme)
     backend.init(arch="cpu", precision="f64", threads=1)  # as the other tests of this file
@@ -149,7 +149,7 @@ def test_a_page_gets_the_convergence_of_all_kept_results(tmp_path, monkeypatch):
     monkeypatch.setattr(plots, "_save", lambda figure, out: drawn.append((figure, out)))
     page.write_text(f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n")
     for name, (_, y) in points.items():
-        assert main(["validate", name, "--out", str(tmp_path / "out"), "--page", str(page)]) == (y > 5.0)
+        assert main([name, "--out", str(tmp_path / "out"), "--page", str(page)]) == (y > 5.0)
     figure, out = drawn[-1]
     text = page.read_text()
     assert out == tmp_path / "figures" / "convergence.png" and text.count("| slump |") == 2 and "old" not in text
@@ -158,10 +158,10 @@ def test_a_page_gets_the_convergence_of_all_kept_results(tmp_path, monkeypatch):
 
 
 def test_command_refuses_an_unknown_row_and_writes_the_table(tmp_path, capsys, monkeypatch):
-    assert main(["validate", "plane_couete", "--out", str(tmp_path / "out")]) == 2
+    assert main(["plane_couete", "--out", str(tmp_path / "out")]) == 2
     assert "did you mean" in capsys.readouterr().err and not (tmp_path / "out").exists()
     monkeypatch.setattr(table, "run_apart", lambda each, *how: result(error=f"{how}") | {"row": each})
-    command = ["validate", "couette", "--out", str(tmp_path / "out")]
+    command = ["couette", "--out", str(tmp_path / "out")]
     assert main([*command, "--json"]) == 1
     assert json.loads(capsys.readouterr().out)[0]["row"] == "couette"
     assert main([*command, "--scheme", "semi-implicit", "--budget", "20"]) == 1

@@ -1,4 +1,4 @@
-"""Head of a result file: commit, date, processor, versions and the hash of what short runs give."""
+"""Head of a result: commit, date, processor, versions, hash of what short runs give; and how pages tell it."""
 
 import os
 import platform
@@ -7,10 +7,10 @@ import sys
 from datetime import date
 from pathlib import Path
 
-from .. import __version__
-from ..runtime import workarounds
+from taichi_mps import __version__
+from taichi_mps.runtime import workarounds
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 NUMERICS = "fingerprint"  # key of the hash: equal where the numerics are
 
 
@@ -52,3 +52,10 @@ def origin(results) -> str:
     if without := sum(not (isinstance(h, dict) and h.get("commit")) for h in heads):
         texts.append(f"no commit is kept of {without} of {len(heads)} results")
     return f"*Made with: {'; '.join(texts)}.*"
+
+
+def between(text: str, name: str, block: str) -> str:
+    """A page with this block between the marks of a command."""
+    begin, end = (f"<!-- {word} {name} -->" for word in ("written by", "end of"))
+    before, rest = text.split(begin)
+    return f"{before}{begin}\n\n{block}\n\n{end}{rest.split(end)[1]}"

@@ -8,14 +8,16 @@ from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
 
-from ..problem.numerics import NUMERICS
-from ..units import SceneError, require, suggestion, user_path
+from taichi_mps.problem.numerics import NUMERICS
+from taichi_mps.units import Duration, SceneError, require, suggestion, user_path, validated
+
 from . import L2_ERROR, SLUMP_ERROR, Measured, Setting, provenance
 from .cases import CHOSEN_ON, ROWS
 
 PANELS = {L2_ERROR: ("particles across", -1), SLUMP_ERROR: ("spacing [mm]", 1)}  # x axis, sign of the slope there
 VERDICTS = {True: "met", False: "**missed**"}
-BEGIN, END = "<!-- written by taichi-mps validate -->", "<!-- end of taichi-mps validate -->"
+COMMAND = "python -m validation"
+BEGIN, END = f"<!-- written by {COMMAND} -->", f"<!-- end of {COMMAND} -->"
 
 
 # ---- running ---------------------------------------------------------------------------------------------------
@@ -51,15 +53,21 @@ def result(name: str, error: str | None, numbers=(), series=(), cpu_seconds=0.0,
 def run_apart(name: str, scheme: str = "implicit", budget: float | None = None) -> dict:
     """Run a row in a process of its own; a crash is a result with an error, not the end of the table."""
     call = f"table.run_row({name!r}, {scheme!r}, {budget!r})"
-    code = f"import json; from taichi_mps.validation import table; print(json.dumps({call}))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    code = f"import json; from validation import table; print(json.dumps({call}))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=provenance.ROOT, capture_output=True, text=True)
     if done.returncode == 0:
         return json.loads(done.stdout.splitlines()[-1])
     return result(name, (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1])
 
 
+@validated
 def run_table(
-    names: list[str], quick: bool, folder: Path, page: str | None = None, scheme="implicit", budget=None
+    names: list[str],
+    quick: bool,
+    folder: Path,
+    page: str | None = None,
+    scheme="implicit",
+    budget: Duration | None = None,
 ) -> tuple[str, list[dict]]:
     """Run rows (all, or the quick ones, if none is named); table and results of this scheme. Every JSON in ``folder``
     is written as its row ends, and the table there is of all rows that have one, with either scheme."""
@@ -81,7 +89,7 @@ def run_table(
     text = markdown(kept["implicit"], kept["semi-implicit"])
     (folder / "table.md").write_text(text + "\n", encoding="utf-8")
     if page:
-        insert(page, text)
+        page.write_text(provenance.between(page.read_text(encoding="utf-8"), COMMAND, text), encoding="utf-8")
         draw(kept["implicit"], page.parent / "figures" / "convergence.png")
     return text, list(kept[scheme].values())
 
@@ -89,7 +97,7 @@ def run_table(
 def draw(results: dict[str, dict], out: Path) -> None:
     """Draw the convergence chart of all results that have points for it; without points, or without matplotlib, print a
     line that says so."""
-    from ..viz import plots
+    from taichi_mps.viz import plots
 
     series = [item for result in results.values() for item in result.get("series", ())]
     try:
@@ -166,9 +174,3 @@ def count(results: dict[str, dict]) -> str:
     refused = [result["error"].startswith("not run") for result in results.values() if result["error"]]
     text = f"{sum(met)} of {len(met)} numbers meet their target; {len(refused) - sum(refused)} rows failed"
     return text + (f"; {sum(refused)} were not run." if any(refused) else ".")
-
-
-def insert(page: Path, text: str) -> None:
-    """Put the table between its marks in a page."""
-    before, rest = page.read_text(encoding="utf-8").split(BEGIN)
-    page.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")

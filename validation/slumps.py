@@ -74,6 +74,11 @@ def inertial(tau_y: float, eta: float = 50.0, pi_c: float | None = None) -> tupl
     return reference["time_s"][at], 1e-3 * reference["mean20_mm"][at], 1e-3 * reference["spread_mm"][at]
 
 
+def milestone_errors(times, slumps, tau_y: float, pi_c: float | None = None) -> np.ndarray:
+    """Slumps [m] at times [s] less those of the finite elements with inertia, at the MILESTONES."""
+    return np.interp(MILESTONES, times, slumps) - np.interp(MILESTONES, *inertial(tau_y, pi_c=pi_c)[:2])
+
+
 def final_shape(tau_y: float) -> np.ndarray:
     """(r, z) [m] of the true Bingham body at the end, from the contact line to the axis."""
     reference = columns("A_fe_inertial_slump_shapes.csv", model="A", tau_Pa=tau_y, eta_Pa_s=50.0)
@@ -87,7 +92,7 @@ def collapse(tau_y, spacing=0.01, slump_target=5.0, model="full", until=5.0, pi_
     mix = {"yield_value": tau_y, "plastic_viscosity": 50.0, "critical_strain_rate": pi_c}
     scene = mps.slump_cone(**mix, spacing=spacing, until=until, model=model)
     sim, at, found = record(scene, slump_and_spread, 0.1)
-    errors = np.interp(MILESTONES, at, found[:, 0]) - np.interp(MILESTONES, times, slump)
+    errors = milestone_errors(at, found[:, 0], tau_y, pi_c)
     worst, end_error = errors[np.argmax(np.abs(errors))], found[-1, 0] - np.interp(until, times, slump)
     last, largest = moment(sim), 1e3 * float(max(abs(worst), abs(end_error)))
     point = {"quantity": SLUMP_ERROR, "curve": f"{tau_y:g} Pa", "x": [1e3 * spacing], "y": [largest]}

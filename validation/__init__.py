@@ -1,4 +1,4 @@
-"""The validation table: cases with an exact or independent answer, run and judged by ``taichi-mps validate``.
+"""The validation table: cases with an exact or independent answer, run and judged by ``python -m validation``.
 
 ``cases.py`` is the table: each row names its case, its reference and the function that runs it, with its settings. A
 function gives what it measured, each number beside its target. They stand by subject in ``flows.py`` (plane flows),
@@ -18,8 +18,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import taichi_mps as mps
-
-from ..problem.numerics import NUMERICS
+from taichi_mps.problem.numerics import NUMERICS
 
 REFERENCE = Path(__file__).parent / "reference"
 L2_ERROR, SLUMP_ERROR = "L2 error of the velocity [-]", "largest error of the slump [mm]"

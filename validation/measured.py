@@ -1,8 +1,12 @@
-"""Dam breaks of fluids whose flow curves a rheometer measured, predicted without a fit: the front against time."""
+"""Dam breaks of fluids whose flow curves a rheometer measured, predicted without a fit: the front against time.
+
+The row runs them at one spacing, ``benchmarks/measured.py`` at more; both are judged by the same numbers.
+"""
 
 import numpy as np
 
-from ..problem import catalogue
+from taichi_mps.problem import catalogue
+
 from . import Measured, columns, read_reference, record
 
 DAMS, CURVES = "E_measured_dam_break_virheometry.csv", "E_measured_flow_curves_virheometry.csv"
@@ -70,19 +74,22 @@ def offset(courses: dict) -> float:
     return float(min(OFFSETS, key=misfit))
 
 
-def front_errors(courses: dict, shift: float, at: float = LAST) -> dict:
-    """Computed less measured front [m] at a time [s] of the film, by test."""
-    fronts = tests()
-    return {key: float(np.interp(at + shift, *course) - np.interp(at, *fronts[key])) for key, course in courses.items()}
+def named(fluid: str, width: float, height: float) -> str:
+    """Name of a test."""
+    return f"{fluid.removesuffix(' 2023')} {1e3 * width:.0f} x {1e3 * height:.0f} mm"
+
+
+def judged(courses: dict, shift: float) -> list[Measured]:
+    """Errors of the front after 1/3 s beside the measured one, with an offset [s] of the films' time: mean of all
+    tests, and each beside 8 % or 2 mm."""
+    last = {key: fronts[-1] for key, (_, fronts) in tests().items()}
+    errors = {key: 100.0 * (float(np.interp(LAST + shift, *c)) / last[key] - 1.0) for key, c in courses.items()}
+    size = float(np.mean(np.abs(list(errors.values()))))
+    each = [Measured(named(*key), error, max(8.0, 0.2 / last[key]), "%") for key, error in errors.items()]
+    return [Measured(f"front, mean size of {len(errors)} errors", size, 5.0, "%"), *each]
 
 
 def dam_breaks(spacing: float):
-    """Errors of the front after 1/3 s beside the measured one: mean of all tests, and each beside 8 % or 2 mm."""
+    """All tests at a spacing [m]."""
     courses = {key: course(**keywords(*key, spacing))[1:] for key in tests()}
-    shift, last = offset(courses), {key: fronts[-1] for key, (_, fronts) in tests().items()}
-    errors = {key: 100.0 * error / last[key] for key, error in front_errors(courses, shift).items()}
-    yield Measured(f"front, mean size of {len(errors)} errors", float(np.mean(np.abs(list(errors.values())))), 5.0, "%")
-    for key, error in errors.items():
-        fluid, width, height = key
-        what = f"{fluid.removesuffix(' 2023')}, {1e3 * width:.0f} x {1e3 * height:.0f} mm"
-        yield Measured(what, error, max(8.0, 0.2 / last[key]), "%")
+    return judged(courses, offset(courses))

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 import taichi_mps as mps
+from taichi_mps.problem import catalogue
 
-from ..problem import catalogue
 from . import L2_ERROR, Measured, columns, record, run, simulate
 
 DENSITY, ETA, DEPTH, G = 2300.0, 100.0, 0.1, 9.81  # kg/m3, Pa s, m, m/s2

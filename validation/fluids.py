@@ -3,8 +3,8 @@
 import numpy as np
 
 import taichi_mps as mps
+from taichi_mps.problem import catalogue
 
-from ..problem import catalogue
 from . import Measured, columns, flows, record, run, simulate
 
 COLUMN = 0.146  # width of the column of water of Martin and Moyce [m]
