@@ -185,7 +185,7 @@ def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
     )
     errors, pressures = [], []
     simulation.every(0.05, lambda s: errors.append(s.measures()["pressure_error"]))
-    simulation.every(0.05, lambda s: pressures.append(s.particles.read()["p"]))
+    simulation.every(0.05, lambda s: pressures.append(s.snapshot().p))
     assert simulation.run(until=0.3) == "time"
     measures = simulation.measures()
     if numerics:  # it fails: the noise is larger than the pressure
