@@ -52,8 +52,8 @@ LONGEST = (
 # the docs, and what a browser shows: a run by itself in .ci/run
 PAGES = ("app/test_app.py", "report/test_page.py", "test_docs.py")
 
-# each term, solver and wall, and a resume, in three minutes on two cores: what .ci/run repeats without the speed
-# patches and on the other kernel language
+# each term, solver and wall, and a resume, in three minutes on two cores: what .ci/run repeats with the lowest versions
+# and on the other kernel language
 CORE = (
     "runtime/test_backend.py",
     "runtime/test_workarounds.py",

@@ -12,8 +12,9 @@ from tests.support.linear import REACH, Nodes, Springs, applied, solve
 
 def solved(springs, grids, across):
     """(solution, report) for a smooth and a rough load."""
-    x = springs.particles.x.to_numpy()
-    b = np.sin(3.0 * x / across) + np.random.default_rng(1).standard_normal(x.shape)
+    rows = springs.particles.read()
+    x = rows["x"]
+    b = np.sin(3.0 * x / across) + np.random.default_rng(1).standard_normal(x.shape)[rows["id"]]
     u, report = solve(springs, b.ravel(), 2, tolerance=1e-8, preconditioner=grids, limit=5000)
     assert report.converged
     return u, report

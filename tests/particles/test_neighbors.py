@@ -71,6 +71,7 @@ def rig(request):
 
 
 @pytest.mark.parametrize("kind", SETS)
+@pytest.mark.numbering("rows are in the order of the numbers")
 def test_neighbours_are_those_of_brute_force_in_rows_ordered_by_cell_and_id(rig, kind):
     """Neighbours are those of brute force and rows are ordered by cell and id, whatever the order before."""
     x = rig.points(kind)

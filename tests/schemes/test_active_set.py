@@ -80,13 +80,16 @@ def landed(both):
 
 
 def test_a_layer_at_rest_wakes_where_a_weight_lands_and_nowhere_else(landed):
+    """To either side the impulse of what lands from 0.25 m, half of 0.012 rho v, slides the layer against the yield
+    stress of its floor, over a length that grows from 0 in the 0.22 s since."""
+    slides = MIX.density * 0.012 * (2.0 * 9.81 * 0.25) ** 0.5 / (MIX.yield_value * 0.22)  # 1.4 m
     sim, seen, places = landed
     before, after = seen[:, 0] < 1.0, seen[:, 0] > 1.1
     assert before.any() and after.any()
     assert seen[before, 1].min() < 0.2, "the layer stands"
     moving = [x for x, late in zip(places, after, strict=True) if late]
     assert all(((x > 0.3) & (x < 0.5)).any() for x in moving), "awake under the weight"
-    assert max(x.max() for x in moving) < 1.4, "asleep far from it"
+    assert max(x.max() for x in moving) < 0.43 + slides, "asleep far from it"
     snapshot = sim.snapshot()
     foot = snapshot.p[(snapshot.x[:, 1] < L0) & (snapshot.x[:, 0] > 1.6)]
     assert foot.mean() == pytest.approx(MIX.density * 9.81 * (0.1 - 0.5 * L0), rel=0.03), "and carries its own weight"
@@ -114,8 +117,7 @@ def test_a_step_with_an_active_set_is_that_of_all(both):
     sim.step(), whole.load(state), whole.step()
     assert not sim.all_active, "the step went through a part"
     _x, kind = in_use(sim)
-    ids = sim.particles.id.to_numpy()[: len(kind)]
-    active = ids[kind == FLUID]
+    active = sim.particles.read()["id"][: len(kind)][kind == FLUID]
     assert 10 < len(active) < 0.7 * sim.particles.number and (kind == BOUNDARY).any()
     ours, all_of_them = (
         dict(zip(r["id"], r["u"], strict=True)) for r in (sim.particles.read(), whole.particles.read())

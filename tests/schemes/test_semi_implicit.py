@@ -183,13 +183,14 @@ def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
     simulation = Simulation(
         catalogue.build("still_pool", plastic_viscosity=50.0, density=2300.0), mps.SemiImplicit(**numerics)
     )
-    errors = []
+    errors, pressures = [], []
     simulation.every(0.05, lambda s: errors.append(s.measures()["pressure_error"]))
+    simulation.every(0.05, lambda s: pressures.append(s.snapshot().p))
     assert simulation.run(until=0.3) == "time"
     measures = simulation.measures()
     if numerics:  # it fails: the noise is larger than the pressure
         assert np.mean(errors[2:]) > 1.0, errors
-    p = simulation.particles.read()["p"]
+    p = np.concatenate(pressures)
     assert p.max() > 0.0 and (numerics or p.min() == 0.0)  # the default cuts negative ones off
     assert np.median(errors[2:]) < pressure
     assert measures["max_speed_m_s"] < speed
@@ -320,7 +321,7 @@ def test_the_run_ends_when_nine_tenths_are_unyielded():
     simulation.each_step(lambda s: reports.append(s.report))
     assert simulation.run(until=1.0) == "unyielded"
     fractions = [report.unyielded_fraction for report in reports if report.time > 0.05]
-    assert fractions[-1] >= 0.9 > max(fractions[:-1])
+    assert fractions[-1] >= 0.9 > max(fractions[:-1])  # rule: the end of the run
     assert simulation.measures()["slump_m"] > 0.1
     simulation.load(state)
     assert [simulation.step() for _ in range(9)] == reports[:9]
@@ -351,6 +352,7 @@ def test_the_gradient_of_the_smallest_pressure_only_pushes_apart(free):
     assert np.linalg.norm(u.sum(0)) > 1e-3 * np.abs(u).sum()
 
 
+@pytest.mark.lattice("velocities across the line of a pair are kept to rounding where it is along x")
 def test_two_particles_that_meet_exchange_momentum_with_the_restitution():
     """Particles at 0.45 l0 that approach with 1 m/s part with 0.2 m/s along their line and keep their velocity across
     it; those at 0.55 l0, or that part, are unchanged, and a wall particle takes half of the impulse."""

@@ -264,10 +264,11 @@ def body_of(name):
 
 
 def test_what_must_stand_stands(box_default):
-    """A column of few particles below its critical height stands for a second and slows down so that ten seconds more
-    would move it a hundredth of a spacing. Pools: rows still_pool_* of the validation table."""
+    """A column of few particles below its critical height stands for two seconds and slows down, by a factor of e in
+    0.3 s, so that ten seconds more would move it a hundredth of a spacing. Pools: rows still_pool_* of the validation
+    table."""
     x, _ = body_of("column")
-    s = run(loaded(box_default, x), 1.0)
+    s = run(loaded(box_default, x), 2.0)
     assert np.abs(s.x - x).max() < 0.01 * FINE
     assert s.speed.max() * 10.0 < 0.01 * FINE
 
@@ -310,7 +311,7 @@ def test_an_impact_in_a_corner_at_courant_one_half(box_default):
     s = box_default.snapshot()
     assert max(energy) < 1.05 * 0.5 * DENSITY * FINE**2 * (u**2).sum()
     assert s.x.min() > 0.3 * FINE and s.speed.max() < 0.05
-    assert abs(box_default.report.volume_error) < 0.02
+    assert abs(box_default.report.volume_error) < 0.02  # rule: with more a run warns
 
 
 @pytest.mark.parametrize("body", ["film of one", "film of two"])

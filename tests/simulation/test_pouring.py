@@ -57,7 +57,8 @@ def scene(source):
 @pytest.mark.parametrize(("yield_value", "plastic_viscosity", "rate"), [(50.0, 100.0, 0.05), (20.0, 20.0, 0.02)])
 def test_what_a_slow_jet_pours_stands_as_high_as_its_volume(yield_value, plastic_viscosity, rate):
     """Layers that a free fall of 0.25 m has pulled apart, from 0.2 or 0.4 m/s, close again under their weight: the
-    level is the poured area over the width, within the tenth of packing from which on (I33) closes what lacks."""
+    centre is half as high as the poured area over the width, within the tenth of packing from which on (I33) closes
+    what lacks. The surface is no measure of it: 50 Pa hold a dome."""
     width, l0 = 0.2, 0.01
     scene = mps.Scene(
         name="poured",
@@ -72,8 +73,7 @@ def test_what_a_slow_jet_pours_stands_as_high_as_its_volume(yield_value, plastic
     sim = mps.Simulation(scene)
     sim.run()
     s = sim.snapshot()
-    level, poured = measure.level(s, (0.02,), (width - 0.02,)), len(s.x) * l0**2 / width
-    assert abs(level / poured - 1.0) < LOOSE
+    assert s.x[:, 1].mean() == pytest.approx(0.5 * len(s.x) * l0**2 / width, rel=LOOSE)
 
 
 def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(scene, source, tmp_path):

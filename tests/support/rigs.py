@@ -177,9 +177,10 @@ class System(Rig):
         super().__init__(x, kinds, planes, rings)
         rng = np.random.default_rng(8)
         n, d = x.shape
+        number = self.particles.read()["id"]
         numbers = self.numbers = Numbers(n, 0.0 if resistance_only else MASS_RATE / self.volume)
-        self.mu = rng.uniform(10.0, 1000.0, n)
-        self.h = 2.0 * self.volume / self.gradient.n0 * rng.uniform(5.0, 500.0, n)
+        self.mu = rng.uniform(10.0, 1000.0, n)[number]
+        self.h = 2.0 * self.volume / self.gradient.n0 * rng.uniform(5.0, 500.0, n)[number]
         numbers.h.from_numpy(self.h)
         numbers.own_step[None] = 1.0
         if not resistance_only:

@@ -86,19 +86,21 @@ def test_a_jittered_fill_is_even_after_it_fills_the_same_room_and_is_in_front_of
 
 def test_a_block_that_must_stand_stands_however_it_is_filled(plane):
     """A block with a yield stress of 0.34 rho g H, more than one of any width needs, stands for 0.3 s after relaxation
-    has lowered its top by a tenth of a spacing; without relaxation, as in a resumed run, it sinks more than twice as
-    far."""
+    in the first step, which has lowered its top by less than the jitter; without relaxation, as in a resumed run, it
+    sinks ten times as far as it does then."""
     sunk = []
     for relaxes in (True, False):
         fluid, sim = begun(plane, 0.3, yield_value=2300.0)
         sim.load(sim.state() | {"steps": int(not relaxes)})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            sim.step()
+            first = sim.snapshot().x
             sim.run()
         top = fluid[:, 1] > HEIGHT - 1.5 * SPACING
-        sunk.append((fluid - sim.snapshot().x)[top, 1].mean() / SPACING)
-    assert abs(sunk[0]) < 0.15
-    assert sunk[1] > 2.0 * abs(sunk[0])
+        assert abs((fluid - first)[top, 1].mean()) < 0.3 * SPACING
+        sunk.append((first - sim.snapshot().x)[top, 1].mean())
+    assert sunk[1] > 10.0 * abs(sunk[0])
 
 
 def test_what_has_flowed_is_even(plane):
@@ -109,8 +111,10 @@ def test_what_has_flowed_is_even(plane):
     assert not is_uneven(sim.scheme.base)
 
 
-def test_a_fill_that_goes_through_periodic_sides_is_relaxed_through_them():
-    """In a box without walls or surface a fill moved by a third of the box is relaxed in the same way."""
+def test_a_fill_that_goes_through_periodic_sides_is_relaxed_through_them(monkeypatch):
+    """In a box without walls or surface a fill moved by a third of the box is relaxed in the same way, to rounding
+    where no random part of the shift follows from the place."""
+    monkeypatch.setattr("taichi_mps.terms.shifting.PERTURBATION", 0.0)
     size, material = 10 * SPACING, mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=100.0)
     lattice = mps.fill(mps.Box((0.0, 0.0), (size, size)), SPACING)
     fluid = lattice + 0.3 * SPACING * np.random.default_rng(1).uniform(-1.0, 1.0, lattice.shape)
@@ -124,4 +128,4 @@ def test_a_fill_that_goes_through_periodic_sides_is_relaxed_through_them():
         with pytest.warns(UserWarning, match="unevenly filled"):
             ends.append((relaxed(sim) - shift + 0.5 * SPACING) % size)
     apart = (ends[1] - ends[0] + 0.5 * size) % size - 0.5 * size
-    assert np.sqrt((apart**2).mean()) < 0.05 * SPACING  # e(x) follows from the place
+    assert np.abs(apart).max() < 1e-9 * SPACING

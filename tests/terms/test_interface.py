@@ -12,6 +12,9 @@ from tests.support.scenes import two_mixes
 LOWER, UPPER, SPACING = mps.Newtonian(2300.0, 200.0), mps.Newtonian(2300.0, 20.0), 0.01
 
 
+ROWS = pytest.mark.lattice("the particles of a row have the same value to rounding")
+
+
 @pytest.fixture(scope="module")
 def scheme():
     """The scheme of a film of ten rows, the five upper ones of UPPER, whose terms look at a lattice."""
@@ -38,6 +41,7 @@ def rows_of(scheme, field):
     return np.array([values[row == k].mean(axis=0) for k in range(10)])
 
 
+@ROWS
 def test_a_quarter_of_the_gradient_of_a_row_at_the_interface_is_of_the_other_mix(scheme):
     """In the first row half of the fit uses bonds across the interface, and half of each bond lies there; in the second
     row only bonds of two spacings do."""
@@ -64,6 +68,7 @@ class Viscous:
             self.T[i] = self.stress.viscous(i, ti.Matrix([[xx, xy], [yx, -xx]]))
 
 
+@ROWS
 def test_shear_across_goes_through_both_and_stretching_along_through_each(scheme):
     """At u' = 1 1/s the stress is 1/(0.75/200 + 0.25/20) Pa below the interface and 1/(0.25/200 + 0.75/20) Pa above;
     stretched along the layers each mix has 2 eta, and a rotation gives none."""

@@ -26,10 +26,14 @@ def film():
     return flowing
 
 
-@pytest.mark.parametrize(("yield_value", "bound"), [(0.0, 0.01), (100.0, 0.05)])
+@pytest.mark.parametrize(("yield_value", "bound"), [(0.0, 0.04), (100.0, 0.2)])
 def test_film_flows_as_one_that_weighs_less_by_its_friction(yield_value, bound, film):
     """A film of 5 degrees on a slope of 10, at 10 across, flows by its weight along the slope less friction, both
-    linear in the depth; with a yield stress of its own it has a plug, too."""
+    linear in the depth; with a yield stress of its own it has a plug, too. Without friction it is twice as fast, with
+    the plug four times.
+
+    The error is of first order, 2 % at 20 across as in the validation table. The edge of the plug is known to half a
+    spacing, a tenth of the 49 mm that flow, by whose square the plug is fast."""
     assert film(yield_value, 5.0).measures()["velocity_error"] < bound
 
 

@@ -67,7 +67,7 @@ def test_a_channel_on_its_lattice_hardly_slides_past_its_walls(newtonian):
     places = in_order(sim, sim.particles.x.to_numpy())
     while sim.time < 8.0 * DENSITY * (0.5 * GAP) ** 2 / eta:
         sim.step()
-        sim.particles.x.from_numpy(places[sim.particles.id.to_numpy()])
+        sim.particles.x.from_numpy(places[sim.particles.read()["id"]])
     y, u = sim.particles.x.to_numpy()[:, 1], sim.particles.u.to_numpy()[:, 0]
     assert np.sqrt(np.mean((u - 0.5 * PUSH / eta * y * (GAP - y)) ** 2)) < PUSH * L0**2 / (6.0 * eta)
 
@@ -157,6 +157,7 @@ def pushed(sim, borne=0.0):
     return np.array([each[middle & (row == k)].mean() for k in range(4)])
 
 
+@pytest.mark.lattice("away from the wall the force is -V grad p to rounding")
 @pytest.mark.parametrize(
     ("dimension", "wall"),
     [(2, {}), (2, {"slip": True}), (3, {}), pytest.param(3, {"slip": True}, marks=pytest.mark.slow)],

@@ -180,6 +180,7 @@ def channel(**settings):
     return flows.between_walls(0.005, 0.1, mps.Newtonian(density=1000.0, viscosity=1.0), **settings)
 
 
+@pytest.mark.lattice("the particle number density is n0 to rounding")
 def test_planes_get_three_layers_of_wall_particles_that_go_on_the_lattice(papers):
     """With the wall particles the particle number density is n0 everywhere: no gap, no overlap, also across the
     periodic side."""
