@@ -49,7 +49,7 @@ def make_clock(problem, options):
 
     every = options.every or problem.usual_interval
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    settings = {"arch": options.arch, "precision": options.precision, "threads": options.threads or cores}
+    settings = {"precision": options.precision, "threads": options.threads or cores}
     return Clock(problem, settings, every, program_start[0] if program_start else None, IMPORTED)
 
 

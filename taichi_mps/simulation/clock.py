@@ -20,8 +20,8 @@ from .forecast import cost_of, own_step, particles_of
 
 PARTS = "start", "ready", "flow", "pictures", "report"  # of a run, one after the other
 START, REPORT = 1.0, 0.5  # [s]: Python, Taichi and the scene; the page, of a small body
-IMPORT = 0.4  # [s] of the processor, of START: import of the command line, without Taichi
-SLOWNESS_LIMITS = 0.5, 4.0  # of a slowness that is believed: an import may compile modules of Python, too
+IMPORT = 0.35  # [s] of the processor, of START: import of the command line, without Taichi
+MAX_SLOWNESS = 4.0  # of a machine; beyond it the process has done more than import the command line
 READY = {False: 2.0, True: 2.3}  # [s] of the first step, in space or not, with kernels compiled before
 # [s] of the first step with kernels compiled anew, and more for each wall; in space or not, optimised or not
 COMPILING = {
@@ -46,7 +46,7 @@ class Clock:
     problem : Problem
         What is computed.
     settings : dict
-        ``arch``, ``precision`` and ``threads``.
+        ``precision`` and ``threads``.
     every : float
         Time between pictures [s].
     begun : float, optional
@@ -68,7 +68,7 @@ class Clock:
             ready = math.sqrt(ready * READY[in_space])
         flow = self.cost.cpu_seconds / self.threads**TEAM_EXPONENT + ROW * self.cost.steps
         pictures = PICTURE * (min(self.cost.steps, self.cost.end / every) + 1.0)
-        slowness = min(max(imported / IMPORT, SLOWNESS_LIMITS[0]), SLOWNESS_LIMITS[1])
+        slowness = imported / IMPORT if imported / IMPORT < MAX_SLOWNESS else 1.0
         seconds = START, ready, flow + pictures, FILM, REPORT
         self.expected = {part: slowness * usual for part, usual in zip(PARTS, seconds, strict=True)}
         self.measured = dict.fromkeys(PARTS, 0.0)
