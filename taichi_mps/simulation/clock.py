@@ -74,6 +74,7 @@ class Clock:
         self.measured = dict.fromkeys(PARTS, 0.0)
         self.part, self.first, self.last_answer = PARTS[0], (0, 0.0), 0.0
         self.begun = self.since = time.monotonic() if begun is None else begun
+        self.expected["start"] = max(self.expected["start"], time.monotonic() - self.begun)  # a solid takes longer
         self.cpu_begun = time.process_time() if begun is None else 0.0
 
     @property

@@ -121,6 +121,14 @@ def test_a_pour_on_a_machine_half_as_fast(kernels, monkeypatch, is_known):
     assert np.abs(np.log(told / took)).max() < np.log(1.4)
 
 
+def test_a_start_that_took_longer_is_told_as_it_was(kernels, monkeypatch):
+    """Of a scene whose solids took 30 s to read the start is over when the run is told."""
+    problem = Problem(catalogue.build("slump", model="axisymmetric", spacing=0.05))
+    monkeypatch.setattr(clock.time, "monotonic", lambda: 130.0)
+    late, usual = Clock(problem, SETTINGS, 0.05, 100.0), Clock(problem, SETTINGS, 0.05)
+    assert late.whole == pytest.approx(usual.whole - usual.expected["start"] + 30.0)
+
+
 def test_a_process_that_computed_before_tells_nothing(kernels):
     """Its processor time until the command line was imported is not that of the import."""
     problem = Problem(catalogue.build("slump", model="axisymmetric", spacing=0.05))
