@@ -69,7 +69,7 @@ def planned(name, argv):
         parser.options(model, leave_out=left_out)
     if name == "run":
         parser.groups["output"].add_argument("--json", **JSON["--json"])
-        help_text = "tell size, memory and processor time of the run, and end"
+        help_text = "tell size, memory and time of the run, and end"
         parser.groups["accuracy and cost"].add_argument("--forecast", action="store_true", help=help_text)
     arguments = parser.parse(argv)
 
@@ -97,7 +97,7 @@ def run(argv) -> int:
         require_slump(problem.scene)
     clock = make_clock(problem, options)
     if arguments.forecast:
-        forecast = describe_run(problem, clock)
+        forecast = describe_run(problem, clock, options.verbose)
         return tell(arguments, {"forecast": forecast}, "\n".join(forecast))
     default = Path("renders") / problem.scene.name
     folder = RunFolder(options.out or (default if options.overwrite else next_free(default)))
@@ -106,7 +106,7 @@ def run(argv) -> int:
     folder.check(options.overwrite)
     with lock.held(folder.path):
         if not (arguments.json or options.quiet):
-            say(plain("\n".join(describe_run(problem, clock))))
+            say(plain("\n".join(describe_run(problem, clock, options.verbose))))
         start_taichi(options)
         from ..simulation.simulation import Simulation
 

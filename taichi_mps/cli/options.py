@@ -143,7 +143,9 @@ class Run(Pictures):
     overwrite: bool = Field(False, description="replace the run that is in the folder")
     profile: bool = Field(False, description="show the time that each stage took")
     quiet: bool = Field(False, description="no progress and no result on the screen")
-    verbose: bool = Field(False, description="show the numerics, too: steps, iterations, volume error")
+    verbose: bool = Field(
+        False, description="show the parts of the time and the numerics, too: steps, iterations, volume error"
+    )
 
 
 class Remedy(Checked):

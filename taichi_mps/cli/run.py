@@ -7,6 +7,7 @@ import math
 import os
 import signal
 import sys
+import time
 import warnings
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
@@ -30,6 +31,7 @@ from .options import DIVERGED, DONE, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
 
 MIN_WIDTH = 40  # least number of columns for the output of a result
+IMPORTED = time.process_time()  # [s] that the import of the command line took, by which the clock knows the machine
 
 
 def start_taichi(options) -> None:
@@ -47,12 +49,13 @@ def make_clock(problem, options):
 
     every = options.every or problem.usual_interval
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    settings = {"arch": options.arch, "precision": options.precision, "threads": options.threads or cores}
-    return Clock(problem, settings, every, program_start[0] if program_start else None)
+    settings = {"precision": options.precision, "threads": options.threads or cores}
+    return Clock(problem, settings, every, program_start[0] if program_start else None, IMPORTED)
 
 
-def describe_run(problem, clock) -> list[str]:
-    """Lines that describe a run before it starts: particles, memory, time, expected errors, thin solids."""
+def describe_run(problem, clock, verbose=False) -> list[str]:
+    """Lines that describe a run before it starts: particles, memory, time, and its parts with ``verbose``, expected
+    errors, thin solids."""
     from ..simulation.forecast import memory_of, pairs_of, particles_of
     from ..simulation.summary import described
 
@@ -62,10 +65,9 @@ def describe_run(problem, clock) -> list[str]:
     what = f"{particles_of(problem):,} particles of {1e3 * scene.spacing:.3g} mm{part}"
     needed = size(memory_of(problem, pairs_of(scene), clock.precision))
     pours = f"Pours {1e3 * sum(inlet.volume for inlet in scene.inlets):.3g} l. " if scene.inlets else ""
-    takes = f"Takes about {in_parts(clock.expected, clock.cpu_seconds)}"
-    first = "; shorter the next time" * clock.cold
-    time = f"{pours}{takes}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps{first}."
-    return [f"{what}; about {needed} of memory.", time, certainty(facts), *thin_solids(facts)]
+    parts = f"{in_parts(clock.expected, clock.cpu_seconds)}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps"
+    takes = f"Takes about {parts if verbose else in_time(clock.whole)}{'; shorter the next time' * clock.cold}."
+    return [f"{what}; about {needed} of memory.", pours + takes, certainty(facts), *thin_solids(facts)]
 
 
 def require_slump(scene) -> None:
@@ -111,8 +113,7 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=None) -> int
     clock.begin("report")
     written, numerics = write_report(folder, sim.scene), options.verbose or options.profile
     draw_curves(folder, numerics, sim, options.plots or numerics or not written or (folder.path / PLOTS[1]).exists())
-    is_whole = not (resumed is not None or error or stopped_by == "interrupted")
-    summary |= clock.finish(sim.steps if is_whole else 0)
+    summary |= clock.finish()
     folder.write_summary(summary)
     folder.clock.unlink(missing_ok=True)
     code = show_result(summary, folder, options, as_json, sim.profile())
@@ -225,7 +226,7 @@ def progress(sim, recorder, quiet, verbose, clock):
 
         def show(sim):
             if clock.part == "ready":
-                clock.begin("flow", sim.steps)
+                clock.begin("flow", sim)
             now = clock.now(sim)
             if not now:
                 return

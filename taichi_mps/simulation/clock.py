@@ -1,20 +1,17 @@
-"""Clock of a run: durations of its parts, forecast before it starts and updated, ever closer, while it runs.
+"""Clock of a run: durations of its parts, told before it starts and ever closer while it runs.
 
-Before: steps and processor time of the flow by ``forecast.cost_of``, the other parts as measured on one core of an AMD
-EPYC; both times the ratios that earlier runs on this machine had to that. These lie beside the compiled kernels, so
-that where the kernels are gone the forecast is again that of a first run. While it goes on: more and more by the steps
-that are left and what they have taken so far, less and less by the forecast: the weight of the former is the share of
-the steps that are done times that of the expected time that has passed. The steps that are left are those told, less
-those taken, until the flow decays; then the geometric mean of these and of the steps of that decay.
+Before: what the parts take on one core of an AMD EPYC, the flow by ``forecast.cost_of``, all times the slowness of this
+machine, known from what the import of the program took. While it goes on: what is left of the flow by what its steps
+took so far; the first few count beside the forecast. How much of a flow is done is told by its steps, or of a pour,
+whose steps become dearer, by the cost up to this time. Steps that are left are those told, less those taken, until the
+flow decays; then the geometric mean of these and of the steps of that decay.
 """
 
-import json
 import math
-import os
 import time
-from contextlib import suppress
 
-from .. import __version__
+import numpy as np
+
 from ..runtime.caches import kernels
 from ..runtime.stages import ONE_THREAD_BELOW_ROWS, OPTIMISED_FROM_ROWS
 from ..runtime.workarounds import LANGUAGE
@@ -23,6 +20,8 @@ from .forecast import cost_of, own_step, particles_of
 
 PARTS = "start", "ready", "flow", "pictures", "report"  # of a run, one after the other
 START, REPORT = 1.0, 0.5  # [s]: Python, Taichi and the scene; the page, of a small body
+IMPORT = 0.35  # [s] of the processor, of START: import of the command line, without Taichi
+MAX_SLOWNESS = 4.0  # of a machine; beyond it the process has done more than import the command line
 READY = {False: 2.0, True: 2.3}  # [s] of the first step, in space or not, with kernels compiled before
 # [s] of the first step with kernels compiled anew, and more for each wall; in space or not, optimised or not
 COMPILING = {
@@ -34,11 +33,9 @@ COMPILING = {
 ROW = 4e-3  # [s] of the measures and the row of a step
 PICTURE, FILM = 0.17, 0.3  # [s] of a picture, of animation and curves
 TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
-# steps of any run, the fewest that are learnt from; share of those taken still expected where too few were told
-MIN_STEPS, REMAINING_SHARE = 20.0, 0.1
-RATIO_LIMITS = 0.125, 8.0  # of a ratio that is believed
+TRUSTED = 5.0  # steps of a flow that tell as much about it as the forecast
+REMAINING_SHARE = 0.1  # share of the time or the steps taken that is still expected where too little was told
 MIN_INTERVAL = 0.1  # [s] between two answers
-RATIOS = "taichi_mps.json"  # file of the ratios
 
 
 class Clock:
@@ -49,46 +46,36 @@ class Clock:
     problem : Problem
         What is computed.
     settings : dict
-        ``arch``, ``precision`` and ``threads``.
+        ``precision`` and ``threads``.
     every : float
         Time between pictures [s].
     begun : float, optional
         Monotonic time at which the program began [s], now by default.
+    imported : float, optional
+        Processor time that the import of the command line took [s], as in the table by default.
     """
 
-    def __init__(self, problem, settings: dict, every: float, begun: float | None = None):
+    def __init__(self, problem, settings: dict, every: float, begun: float | None = None, imported: float = IMPORT):
         scene, rows = problem.scene, particles_of(problem)
-        self.problem, self.cost = problem, cost_of(problem)
+        self.cost, self.every = cost_of(problem), every
         in_space = scene.dimension == 3
         team = rows >= ONE_THREAD_BELOW_ROWS and in_space
         self.threads, self.precision = settings["threads"] if team else 1, settings["precision"]
-        self.every = every
-        names = __version__, scene.name, scene.parameters.get("model"), problem.scheme, problem.law, self.threads > 1
-        self.key = " ".join(map(str, (*names, rows >= OPTIMISED_FROM_ROWS, settings["arch"], settings["precision"])))
-        self.known, self.path = {}, kernels(LANGUAGE) / RATIOS
-        with suppress(OSError, ValueError, TypeError):
-            self.known = dict(json.loads(self.path.read_text(encoding="utf-8")))
-        self.cold = self.key not in self.known
-        ready = READY[in_space]
-        if self.cold:
-            first, each = COMPILING[in_space, rows >= OPTIMISED_FROM_ROWS]
-            ready = first + each * len(() if problem.wall_particles else scene.walls)
+        self.cold = not any(kernels(LANGUAGE).glob("*/*"))  # nothing was compiled on this machine
+        first, each = COMPILING[in_space, rows >= OPTIMISED_FROM_ROWS]
+        ready = first + each * len(() if problem.wall_particles else scene.walls)
+        if not self.cold:  # which of these kernels is among those compiled is not known
+            ready = math.sqrt(ready * READY[in_space])
         flow = self.cost.cpu_seconds / self.threads**TEAM_EXPONENT + ROW * self.cost.steps
         pictures = PICTURE * (min(self.cost.steps, self.cost.end / every) + 1.0)
-        self.usual = dict(zip(PARTS, (START, ready, flow + pictures, FILM, REPORT), strict=True))
-        self.expected = {part: seconds * self._ratio(part) for part, seconds in self.usual.items()}
+        slowness = imported / IMPORT if imported / IMPORT < MAX_SLOWNESS else 1.0
+        seconds = START, ready, flow + pictures, FILM, REPORT
+        self.expected = {part: slowness * usual for part, usual in zip(PARTS, seconds, strict=True)}
         self.measured = dict.fromkeys(PARTS, 0.0)
-        self.part, self.first, self.last_answer = PARTS[0], 0, 0.0
+        self.part, self.first, self.last_answer = PARTS[0], (0, 0.0), 0.0
         self.begun = self.since = time.monotonic() if begun is None else begun
+        self.expected["start"] = max(self.expected["start"], time.monotonic() - self.begun)  # a solid takes longer
         self.cpu_begun = time.process_time() if begun is None else 0.0
-
-    def _ratio(self, part: str) -> float:
-        """Time that a part took on this machine over the usual one, last time or of any run; 1 where that is not
-        known."""
-        with suppress(TypeError, ValueError, KeyError, AttributeError):
-            found = float(self.known.get(self.key, self.known.get("all"))[part])
-            return min(max(found, RATIO_LIMITS[0]), RATIO_LIMITS[1]) if math.isfinite(found) else 1.0
-        return 1.0
 
     @property
     def whole(self) -> float:
@@ -101,9 +88,10 @@ class Clock:
         more = self.threads ** (1.0 - TEAM_EXPONENT) - 1.0  # threads wait for each other
         return self.whole + self.expected["flow"] * more
 
-    def begin(self, part: str, steps: int = 0) -> None:
-        """Note that a part begins, after so many steps, and so that the one before is over."""
-        self.first = steps
+    def begin(self, part: str, sim=None) -> None:
+        """Note that a part begins, the flow of ``sim`` from its present step on, and so that the one before is over."""
+        if sim:
+            self.first = sim.steps, sim.time
         now = time.monotonic()
         self.measured[self.part] += now - self.since
         self.part, self.since = part, now
@@ -115,42 +103,39 @@ class Clock:
         if now - self.last_answer < MIN_INTERVAL:
             return None
         self.last_answer = now
-        passed, here = now - self.begun, now - self.since
-        expected, taken = self.expected[self.part], sim.steps - self.first
+        passed, here, expected = now - self.begun, now - self.since, self.expected[self.part]
         left = sum(self.expected[part] for part in PARTS[PARTS.index(self.part) + 1 :])
-        left_here = max(expected - here, REMAINING_SHARE * here)
+        taken = sim.steps - self.first[0]
         if self.part == "flow" and taken:
-            to_come = steps_left(sim, self.cost)
-            weight = taken / (taken + to_come) * min(here / expected, 1.0)
-            left_here += weight * (here * to_come / taken - left_here)
-        left += left_here
+            done = share_done(sim, self.cost, *self.first)
+            told = expected + taken / (taken + TRUSTED) * (here / done - expected)
+            left += (1.0 - done) * told
+        else:
+            left += max(expected - here, REMAINING_SHARE * here)
         rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
         end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
         return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}
 
-    def finish(self, steps: int) -> dict:
-        """Entries of summary.json about the time of a run. What the parts took over what is usual is kept for the next
-        forecasts where the run is whole: ``steps`` of it, 0 of another. Too few steps tell nothing."""
+    def finish(self) -> dict:
+        """Entries of summary.json about the time of a run."""
         self.begin(PARTS[-1])
-        ratios = {part: max(seconds, 1e-3) / self.usual[part] for part, seconds in self.measured.items()}
-        if not self.cold:  # a machine that was busy now and then
-            ratios = {part: math.sqrt(ratio * self._ratio(part)) for part, ratio in ratios.items()}
-        partial = self.path.with_suffix(f".{os.getpid()}")
-        if steps >= MIN_STEPS:
-            with suppress(OSError):
-                partial.write_text(json.dumps(self.known | {self.key: ratios, "all": ratios}), encoding="utf-8")
-                os.replace(partial, self.path)
         whole = sum(self.measured.values()), time.process_time() - self.cpu_begun
         return {"seconds_by_part": self.measured, "all_wall_seconds": whole[0], "all_cpu_seconds": whole[1]}
+
+
+def share_done(sim, cost, steps: int, time: float) -> float:
+    """Share of the cost of a flow that is done, of what was to come after so many steps, at a time [s]."""
+    if cost.course is None:
+        taken = sim.steps - steps
+        return taken / (taken + steps_left(sim, cost))
+    before, now = np.interp((time, sim.time), np.linspace(0.0, sim.scene.until, len(cost.course)), cost.course)
+    return (now - before) / (1.0 - before)
 
 
 def steps_left(sim, cost) -> float:
     """Number of steps that a run still takes, by its forecast ``cost`` and by its decay, if it has one."""
     now, dt, fold, until = sim.time, sim.report.dt, sim.rest.fold, sim.scene.until
     forecast = max(cost.steps - sim.steps, REMAINING_SHARE * sim.steps)
-    if sim.pouring and not all(pouring.done for pouring in sim.pouring):
-        share = min(now / max(pouring.end for pouring in sim.pouring), 1.0)
-        return (1.0 - share) * math.sqrt(cost.steps * sim.steps / max(share, 1e-3)) + MIN_STEPS
     end = min(until, sim.rest.expected(sim) or until) if sim.problem.rests and sim.scene.stop_at_rest else until
     if fold <= 0.0:
         return min(forecast, max(1.0, (until - now) / dt)) if end < until else forecast

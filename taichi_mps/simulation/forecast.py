@@ -106,12 +106,14 @@ TIMES = 2000  # intervals of the time, in each of which steps are equally long
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of the flow: number of steps, CPU seconds of one thread without the start of the program, and the time
-    [s] at which it is expected to end."""
+    """Cost of the flow: number of steps, CPU seconds of one thread without the start of the program, the time
+    [s] at which it is expected to end, and of a pour the share of the seconds at equally spaced times from 0 s to the
+    time limit."""
 
     steps: float
     cpu_seconds: float
     end: float
+    course: np.ndarray | None = None
 
 
 def cost_of(problem: Problem) -> Cost:
@@ -136,7 +138,8 @@ def cost_of(problem: Problem) -> Cost:
     seconds = usual * seconds_of_a_step(particles, particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
     seconds = known[2].cpu_seconds if known and known[2] else float(seconds)
     steps = max(usual, end / (problem.numerics.max_time_step or math.inf))
-    return Cost(steps, steps / usual * iterations_factor(problem.numerics) * seconds, end)
+    course = np.array([0.0, 1.0]) if scene.inlets else None
+    return Cost(steps, steps / usual * iterations_factor(problem.numerics) * seconds, end, course)
 
 
 def iterations_factor(numerics) -> float:
@@ -158,8 +161,10 @@ def cost_of_pour(problem: Problem) -> Cost:
     step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, quiet=True))
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / TIMES / step
-    seconds = float(steps @ (iterations_factor(numerics) * seconds_of_a_step(particles, particles_of(problem))))
-    return Cost(float(steps.sum()), seconds, min(scene.until, max(pour.end for pour in pours) + SETTLING_TIME))
+    seconds = steps * iterations_factor(numerics) * seconds_of_a_step(particles, particles_of(problem))
+    spent = np.concatenate([[0.0], np.cumsum(seconds)])
+    end = min(scene.until, max(pour.end for pour in pours) + SETTLING_TIME)
+    return Cost(float(steps.sum()), float(spent[-1]), end, spent / spent[-1])
 
 
 def landing_speed(problem: Problem, pour: Pouring, time, level):

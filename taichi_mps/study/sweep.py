@@ -33,7 +33,7 @@ from .tables import open_results
 ACCURACY = 0.005  # of the slump [m], which chooses model and spacing where the scene can and none is given
 CHOOSES = {"accuracy", "model", "spacing", "lift_speed"}  # keywords of which one that is given says what is computed
 MAX_CASES = 100_000  # of a study
-SAMPLED, SERIAL = 8, {"arch": "cpu", "precision": "f32", "threads": 1}  # cases to forecast, and how they run
+SAMPLED, SERIAL = 8, {"precision": "f32", "threads": 1}  # cases to forecast, and how they run
 IN_FIELDS = {name for law in LAWS for name in numbers_of(law)} - {"friction_angle"}  # numbers read from fields
 TABLE_INTERVAL = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
@@ -189,7 +189,7 @@ def wall_time(planned: list[Case], workers: int, runs: int | None = None) -> flo
     with redirect_stdout(io.StringIO()):  # without Taichi's greeting
         from ..simulation.clock import Clock
 
-        clocks = [Clock(Problem(catalogue.build(c.scene, **c.parameters)), SERIAL, math.inf, 1) for c in sample]
+        clocks = [Clock(Problem(catalogue.build(c.scene, **c.parameters)), SERIAL, math.inf) for c in sample]
     runs, shapes = runs or len(planned), len({*map(kernel_key, planned)})
     stepping = runs * sum(clock.cost.cpu_seconds for clock in clocks) / len(clocks)
     start_up = sum(clock.expected["start"] + clock.expected["ready"] for clock in clocks) / len(clocks)
