@@ -64,7 +64,9 @@ def read_stl(data):
     text = re.sub(names, b"", data.replace(b"\r", b"\n"), flags=re.I | re.M)
     if facets := len(re.findall(rb"\bfacet\b", text, re.I)):
         count, whole = facets, len(re.findall(rb"\bendfacet\b", text, re.I))
-    require(facets and whole == count, f"damaged or another format: holds {whole} of {count} triangles")
+    bad = "damaged or another format: it holds"
+    require(count <= MAX_BYTES / FACET, f"{bad} no facets")
+    require(facets and whole == count, f"{bad} {whole} of {count} triangles")
     corners = re.findall(rb"\bvertex\s+(\S+\s+\S+\s+\S+)", text, re.I)
     return np.fromstring(b" ".join(corners), sep=" ").reshape(-1, 3, 3)
 

@@ -39,7 +39,8 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
     body : str, optional
         Name of the only body of a STEP file to be read; all by default.
     tolerance : float, optional
-        How far the triangles may be from the faces of a STEP file [m]. A hole up to twice as wide counts as closed.
+        How far the triangles may be from the faces of a STEP file [m]. A hole a fifth wider than this, or than a
+        hundredth of the mesh, is found; a crack of a quarter of it counts as closed.
 
     Returns
     -------
@@ -56,16 +57,15 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
     missing = [name for name in ("igl", "trimesh") if not find_spec(name)]
     require(not missing, f'a solid from a mesh needs {missing}: pip install "taichi-mps[cad]"')
     corners, notes = read_triangles(path, scale, body, tolerance)
+    require(len(corners), f"mesh {path}: holds no triangles; is empty, damaged or of another format")
     with np.errstate(over="ignore"):
         points, rows = np.unique(scale * corners.reshape(-1, 3), axis=0, return_inverse=True)
     require(np.all(np.isfinite(points)), f"mesh {path}: a coordinate is not a finite number [m]")
     triangles = rows.reshape(-1, 3)
-    following = np.roll(triangles, -1, axis=1)
-    kept = surplus(triangles, np.prod(np.sign(following - triangles), axis=1))
-    require(len(kept), f"mesh {path}: holds no triangles; is empty, damaged or of another format")
+    kept = surplus(triangles, np.sign(np.roll(triangles, -1, axis=1) - triangles).prod(axis=1))
     size = np.ptp(points, axis=0)
     require(
-        size.min() > 0.0 and size.max() <= max_length,
+        len(kept) and size.min() > 0.0 and size.max() <= max_length,
         f"mesh {path}: {' x '.join(f'{s:.4g}' for s in size)} m; must have a volume and be at most {max_length:.4g} m "
         f"long (read with scale = {scale:g}; scale = 0.001 for a file in mm)",
     )
