@@ -30,7 +30,7 @@ from ..units import (
 )
 from .concave_edges import NODES_PER_SLAB, interpolate
 from .in_time import Moving, in_time
-from .meshes import MAX_LENGTH_IN_REACHES, extend_upwards, lost_bodies, mesh_distance, read_mesh
+from .meshes import MAX_LENGTH_IN_REACHES, check_bodies, extend_upwards, mesh_distance, read_mesh, unite_bodies
 from .walls import Friction, check_surface, require_same_dimension, spin
 
 
@@ -300,15 +300,12 @@ class Solid(Moving):
         )
         if open_top > 0.0:
             points, triangles = extend_upwards(points, triangles, open_top, 0.5 * cell)
+        if inside:
+            points, triangles = unite_bodies(points, triangles)
         side = -1.0 if inside else 1.0
         low, high = points.min(0) - reach, points.max(0) + reach
-        lost = lost_bodies(points, triangles, low, cell)
-        require(
-            not lost,
-            f"mesh {path}: cell = {cell:g} m: {len(lost)} thinner bodies would be lost, the first of "
-            f"{lost[0] if lost else ''}; must be finer",
-        )
         try:
+            check_bodies(points, triangles, low, cell)
             return cls.of(lambda x: side * mesh_distance(x, points, triangles), low, high, cell, **keywords)
         except SceneError as error:
             size = " x ".join(f"{s:.4g}" for s in np.ptp(points, axis=0))
