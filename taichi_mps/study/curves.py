@@ -3,7 +3,6 @@ their fit: the constants of a law with intervals, its flow curve, and what is de
 
 import warnings
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -37,6 +36,12 @@ class Curve:
     measure: str
     times: np.ndarray  # [s], (n,)
     values: np.ndarray  # SI units, (n,); (1,) without times
+
+    def facts(self, model) -> dict:
+        """Return the curve beside values of the model, JSON-ready."""
+        facts = {"name": self.test.name, "settings": self.test.settings, "measure": self.measure}
+        arrays = {"times": self.times, "measured": self.values, "model": model}
+        return facts | {name: array.tolist() for name, array in arrays.items()}
 
 
 def unit_by_name(measure: str) -> str:
@@ -108,14 +113,6 @@ def parse_cell(cell: str, unit: str, si_unit: str, where: str) -> float:
         return float(in_unit(si_unit, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
     except ValueError:
         raise SceneError(f"{where} = {cell}: must be a number{f' [{si_unit}]' * bool(si_unit)}") from None
-
-
-def read_curve_files(paths: str, keywords: dict, measures) -> list[Curve]:
-    """Read the curves of files separated by commas; SceneError for fewer than five points in all."""
-    curves = [curve for path in paths.split(",") for curve in read_curves(Path(path.strip()), keywords, measures)]
-    points = sum(len(curve.values) for curve in curves)
-    require(points >= 5, f"curve = {paths}: holds {points} points; must be at least 5")
-    return curves
 
 
 def measures_of(scene) -> list[str]:
