@@ -2,7 +2,7 @@
 of the scene near the best point; the regression averages their scatter."""
 
 import os
-import warnings
+from functools import partial
 from itertools import combinations_with_replacement
 from pathlib import Path
 from time import monotonic
@@ -15,10 +15,9 @@ from ..problem.materials import LAWS, numbers_of
 from ..report.sentences import in_time
 from ..units import notes, require, suggestion
 from .calibration import rounded
-from .case import case
-from .case import run as run_case
+from .case import Case, case, run
 from .curves import Curve, CurveFit, Test, measures_of, read_curves, unit_by_name
-from .fit import DIFFERENCE_STEP, constants_of, worth_of
+from .fit import DIFFERENCE_STEP, constants_of, prior_of, worth_of
 from .sweep import carry_out, executor_of, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
@@ -26,100 +25,96 @@ MAX_OFFSET = 0.5  # largest offset over the duration of the curve
 SAMPLES = 100  # of a curve of a run
 COARSENING = 2.0  # spacing of the runs of the fit over the scene's
 SEARCH_FACTOR = 100.0  # largest factor between a constant and its initial value
-START_FACTORS = 1.0, 0.1, 0.3, 3.0, 10.0  # tried first, of all constants at once
+START_FACTORS = 1.0, 0.1, 0.3, 3.0, 10.0  # of all constants at once, run first
 RUN_STEP = 0.4  # of the logarithm of a constant, between runs; particles scatter more than smaller steps
 RADIUS = 1.5 * RUN_STEP  # in the logarithms, within which runs enter the regression
-MAX_ITERATIONS, TOLERANCE = 10, 0.05  # of the search, and the change of the logarithms that ends it
+MAX_ITERATIONS, MAX_CORRECTIONS = 10, 2  # regressions by coarse runs, and by these and a finer one
+TOLERANCE = 0.05  # change of the logarithms that ends them
 RELATIVE_ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
 MAX_DISTANCE = 0.1  # of points beyond all runs, over the largest value of their measure
 
 
-def run_with_history(case):
-    """Run a case to its end and return its row, with its measures over time in ``course``, {name: values}."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "volume_error_max")  # coarse runs are corrected by finer ones
-        return run_case(case, SAMPLES)
+run_with_history = partial(run, samples=SAMPLES)
 
 
 class Runs:
     """Runs of a scene beside measured curves, kept in the folder of a study.
 
     A point ``at`` holds the logarithms of the constants over their ``initial`` values, then the time of the scene at
-    the zero of each ``shifted`` test over a tenth of the test's duration. ``done`` holds points and rows of the runs of
-    the fit, whose residuals are those of the points on the curves: (computed - measured)/error.
+    the zero of each ``shifted`` test over a tenth of the test's duration. ``done`` holds points of the search, whose
+    runs have the spacing ``coarse`` [m], with their rows by test. Residuals are those of all measured points:
+    (computed - measured)/error.
     """
 
-    def __init__(self, scene: str, curves: list[Curve], settings: dict, initial: dict, is_shifted: bool, folder):
+    def __init__(
+        self, scene: str, curves: list[Curve], settings: dict, initial: dict, is_shifted: bool, coarse, folder
+    ):
         self.scene, self.curves, self.settings, self.initial = scene, curves, settings, initial
+        self.coarse, self.folder, self.pool, self.seconds = coarse, folder, None, 0.0  # executor, wall time of a run
         self.tests = list(dict.fromkeys(curve.test for curve in curves))
         self.shifted = [test for test in self.tests if is_shifted and len(test.times)]
-        self.curve_ends = np.cumsum([len(curve.values) for curve in curves])  # in the residuals
-        alike = [np.concatenate([each.values for each in curves if each.measure == one.measure]) for one in curves]
-        self.errors = [RELATIVE_ERROR * (float(np.abs(values).max()) or 1.0) for values in alike]
-        self.folder, self.pool, self.seconds = folder, None, 0.0  # of the study, its executor, wall time of a run
+        self.curve_ends = np.cumsum([len(curve.values) for curve in curves])[:-1]  # in the residuals
+        self.measured = np.concatenate([curve.values for curve in curves])
+        names = np.concatenate([[curve.measure] * len(curve.values) for curve in curves])
+        largest = [np.abs(self.measured[names == name]).max() or 1.0 for name in names]
+        self.errors = RELATIVE_ERROR * np.array(largest)
         self.planned, self.rows, self.done = {}, {}, {}
 
     def mix(self, at) -> dict[str, float]:
         """Return the constants of a point, SI units, rounded to five figures, which identify a run."""
-        values = zip(self.initial.items(), at, strict=False)
-        return {name: float(f"{value * np.exp(logarithm):.5g}") for (name, value), logarithm in values}
+        pairs = zip(self.initial.items(), at, strict=False)
+        return {name: float(f"{value * np.exp(logarithm):.5g}") for (name, value), logarithm in pairs}
 
     def offsets(self, at) -> dict[Test, float]:
-        """Return the time [s] of the scene at the zero of each test."""
-        found = zip(self.shifted, at[len(self.initial) :], strict=True)
-        return dict.fromkeys(self.tests, 0.0) | {test: 0.1 * np.ptp(test.times) * float(each) for test, each in found}
+        """Return the time [s] of the scene at the zero of each shifted test."""
+        pairs = zip(self.shifted, at[len(self.initial) :], strict=True)
+        return {test: 0.1 * float(np.ptp(test.times) * offset) for test, offset in pairs}
 
-    def case(self, test: Test, at, spacing):
+    def case(self, test: Test, at, spacing) -> Case:
         """Return the case of a test at a point and a spacing [m]."""
-        margin = MAX_OFFSET * np.ptp(test.times) if test in self.shifted else 0.0
-        until = {"until": float(test.times[-1] + margin)} if len(test.times) else {}
+        margin = MAX_OFFSET * (test in self.shifted)
+        until = {"until": float(test.times[-1] + margin * np.ptp(test.times))} if len(test.times) else {}
         return case(self.scene, **self.settings | test.settings | self.mix(at) | until | {"spacing": spacing})
 
-    def compute(self, points, spacing) -> list[list[dict]]:
-        """Return the rows of the tests at each point, (points, tests); those that are new are run in parallel."""
-        cases = [[self.case(test, at, spacing) for test in self.tests] for at in points]
+    def compute(self, points, spacing) -> list[dict[Test, dict]]:
+        """Return the rows of the tests at each point; runs that are new are carried out in parallel."""
+        cases = [{test: self.case(test, at, spacing) for test in self.tests} for at in points]
         start, before = monotonic(), len(self.planned)
-        self.planned |= {each.key: each for some in cases for each in some}
+        self.planned |= {each.key: each for some in cases for each in some.values()}
         if new := len(self.planned) - before:
             rows = carry_out(list(self.planned.values()), self.folder, run_with_history, self.pool)
             self.rows, self.seconds = {row["key"]: row for row in rows}, (monotonic() - start) / new
-        return [[self.rows[each.key] for each in some] for some in cases]
-
-    def add(self, points, spacing) -> None:
-        """Add runs of the fit, those that come to their end."""
-        for at, rows in zip(points, self.compute(points, spacing), strict=True):
-            if all(row["status"] == "done" for row in rows):
-                self.done[tuple(self.mix(at).values())] = at, rows
-
-    def model(self, rows, at) -> list[np.ndarray]:
-        """Return the values of each curve by rows of the tests, at its times, with the offsets of a point, or at the
-        end; SceneError where a run failed."""
-        found, offsets, by_test = [], self.offsets(at), dict(zip(self.tests, rows, strict=True))
-        for curve in self.curves:
-            test, name, row = curve.test, curve.measure, by_test[curve.test]
-            require(row["status"] == "done", f"curve = {test.name}: a run {row['status']}: {row['reason']}")
-            values = row["course"] if len(test.times) else row
-            measures = ", ".join(filter(is_measure, values))
-            require(name in values, f"curve = {test.name}: the scene does not measure {name}; must be of {measures}")
-            value = np.atleast_1d(np.array(values[name], float))
-            found.append(np.interp(curve.times + offsets[test], values["time_s"], value) if len(test.times) else value)
+        found = [{test: self.rows[each.key] for test, each in some.items()} for some in cases]
+        if spacing == self.coarse:
+            done = {tuple(self.mix(at).values()): (at, rows) for at, rows in zip(points, found, strict=True)}
+            self.done |= {mix: run for mix, run in done.items() if all(r["status"] == "done" for r in run[1].values())}
         return found
 
-    def residuals(self, rows, at) -> np.ndarray:
-        """Return (computed - measured)/error of all measured points, by rows of the tests and offsets of a point."""
-        triples = zip(self.model(rows, at), self.curves, self.errors, strict=True)
-        return np.concatenate([(model - curve.values) / error for model, curve, error in triples])
+    def residuals(self, at, rows) -> np.ndarray:
+        """Return the residuals by rows of the tests, at the times of the curves with the offsets of a point, or at the
+        end; SceneError where a run failed."""
+        found, offsets = [], self.offsets(at)
+        for curve in self.curves:
+            test, name, row = curve.test, curve.measure, rows[curve.test]
+            require(row["status"] == "done", f"curve = {test.name}: a run {row['status']}: {row['reason']}")
+            values, times = row["course"] if len(test.times) else row, curve.times + offsets.get(test, 0.0)
+            known = ", ".join(filter(is_measure, values))
+            require(name in values, f"curve = {test.name}: the scene does not measure {name}; must be of {known}")
+            value = np.atleast_1d(np.array(values[name], float))
+            found.append(np.interp(times, values["time_s"], value) if len(times) else value)
+        return (np.concatenate(found) - self.measured) / self.errors
 
-    def split_by_curve(self, values) -> list[np.ndarray]:
-        """Split values of all measured points, such as residuals, by curve."""
-        return np.split(values, self.curve_ends[:-1])
+    def model(self, residuals) -> list[np.ndarray]:
+        """Return the values of each curve that have these residuals."""
+        return np.split(self.measured + self.errors * residuals, self.curve_ends)
 
-    def require_reached(self, rows, at) -> None:
+    def require_reached(self, at, rows) -> None:
         """Raise SceneError, with the rows at a point, where over a quarter of a curve's points lie beyond all runs."""
-        values, found = self.model(rows, at), np.array([self.residuals(each, at) for _, each in self.done.values()])
-        beyond = self.split_by_curve(np.maximum(found.min(0), -found.max(0)) > MAX_DISTANCE / RELATIVE_ERROR)
-        for curve, model, outside in zip(self.curves, values, beyond, strict=True):
-            measured, nearest = (written(curve.measure, float(values[-1])) for values in (curve.values, model))
+        model = self.model(self.residuals(at, rows))
+        found = np.array([self.residuals(at, each) for _, each in self.done.values()])
+        beyond = np.maximum(found.min(0), -found.max(0)) > MAX_DISTANCE / RELATIVE_ERROR
+        for curve, values, outside in zip(self.curves, model, np.split(beyond, self.curve_ends), strict=True):
+            measured, nearest = (written(curve.measure, float(each[-1])) for each in (curve.values, values))
             require(
                 np.mean(outside) <= 0.25,
                 f"curve = {curve.test.name}: no run comes to it, its {title(curve.measure)} ends at {measured}, that "
@@ -132,27 +127,28 @@ class Runs:
 
 
 class Surface:
-    """Residuals near a point as a smooth function of it: a quadratic regression on the logarithms of the constants over
-    the runs within RADIUS. ``correction`` is added to them. Offsets of time need no runs."""
+    """Residuals near a point as a smooth function of it, which averages the scatter of runs: a quadratic regression on
+    the logarithms of the constants over the runs within RADIUS. ``correction`` is added. Offsets of time need no runs.
+    """
 
     def __init__(self, runs: Runs, centre):
-        self.runs, self.count, self.centre, self.correction = runs, len(runs.initial), centre, 0.0
-        near = [(at, rows) for at, rows in runs.done.values() if self.distance(at).max() <= RADIUS]
+        self.runs, self.centre, self.correction = runs, centre[: len(runs.initial)], 0.0
+        near = [(at, rows) for at, rows in runs.done.values() if np.abs(self.distances(at)).max() <= RADIUS]
         self.rows, self.terms = [rows for _, rows in near], np.array([self.terms_at(at) for at, _ in near])
         self.inverse = np.linalg.pinv(self.terms, rcond=1e-3)
 
-    def distance(self, at) -> np.ndarray:
-        """Return the distance of the constants of a point from the centre."""
-        return np.abs(at - self.centre)[: self.count]
+    def distances(self, at) -> np.ndarray:
+        """Return the distances of the constants of a point from the centre."""
+        return at[: len(self.centre)] - self.centre
 
     def terms_at(self, at) -> np.ndarray:
         """Return the terms of the quadratic at a point."""
-        distances = (at - self.centre)[: self.count]
+        distances = self.distances(at)
         return np.array([1.0, *distances, *(a * b for a, b in combinations_with_replacement(distances, 2))])
 
     def run_residuals(self, at) -> np.ndarray:
         """Return the residuals of the runs with the offsets of a point, (runs, points)."""
-        return np.array([self.runs.residuals(rows, at) for rows in self.rows])
+        return np.array([self.runs.residuals(at, rows) for rows in self.rows])
 
     def residuals(self, at) -> np.ndarray:
         """Return the residuals at a point."""
@@ -160,8 +156,8 @@ class Surface:
 
     def slopes(self, at) -> np.ndarray:
         """Return one-sided derivatives of the residuals at a point, (2, points, unknowns)."""
-        steps = np.diag(np.where(np.arange(len(at)) < self.count, RUN_STEP, DIFFERENCE_STEP))
-        both = np.array([-steps, steps])
+        steps = np.where(np.arange(len(at)) < len(self.centre), RUN_STEP, DIFFERENCE_STEP)
+        both = np.multiply.outer([-1.0, 1.0], np.diag(steps))
         found = np.array([[self.residuals(at + step) for step in side] for side in both]) - self.residuals(at)
         return np.swapaxes(found / both.sum(2)[..., None], 1, 2)
 
@@ -169,7 +165,7 @@ class Surface:
         """Return errors of the residuals at a point by the scatter of runs, (runs, points), whose squares add up. A
         finer run that corrects the residuals scatters as much as one of the runs."""
         found, weights = self.run_residuals(at), self.terms_at(at) @ self.inverse
-        freedom = max(len(self.terms) - np.linalg.matrix_rank(self.terms), 1)  # degrees of it
+        freedom = max(len(self.terms) - np.linalg.matrix_rank(self.inverse), 1)  # degrees of it
         factor = (weights @ weights + bool(np.ndim(self.correction))) / freedom
         return (found - self.terms @ self.inverse @ found) * np.sqrt(factor)
 
@@ -183,26 +179,24 @@ def initial_values(scene: str, free: list[str], settings: dict) -> dict[str, flo
     own = catalogue.build(scene, **settings).material
     initial = {name: settings.get(name, getattr(own, name, defaults[name])) for name in free}
     law = catalogue.build(scene, **settings | initial).material
+    known = numbers_of(type(law))
     for name in free:
-        known = numbers_of(type(law))
         require(name in known, f"free = {name}: the law {type(law).__name__} has only {', '.join(known)}")
         initial[name] = value = getattr(law, name)
-        require(
-            isinstance(value, float) and value > 0.0, f"{name} = {value}: is where the search begins; must be above 0"
-        )
+        is_positive = isinstance(value, float) and value > 0.0
+        require(is_positive, f"{name} = {value}: is where the search begins; must be above 0")
     return initial
 
 
 def log_bounds(initial: dict, fields) -> np.ndarray:
     """Return the bounds of the constants, logarithms over their initial values, (2, constants)."""
-    ends = []
-    for name, value in initial.items():
-        low, high = (
-            [bound for note in notes(fields[name]) for mark in marks if (bound := getattr(note, mark, None))]
-            for marks in (("ge", "gt"), ("le", "lt"))
-        )
-        ends.append(np.log([max([*low, value / SEARCH_FACTOR]) / value, min([*high, value * SEARCH_FACTOR]) / value]))
-    return np.array(ends).T
+
+    def limits(name, *marks):
+        return [getattr(note, mark) for note in notes(fields[name]) for mark in marks if getattr(note, mark, None)]
+
+    low = [max([*limits(name, "ge", "gt"), value / SEARCH_FACTOR]) / value for name, value in initial.items()]
+    high = [min([*limits(name, "le", "lt"), value * SEARCH_FACTOR]) / value for name, value in initial.items()]
+    return np.log([low, high])
 
 
 def calibrate_curves(
@@ -223,21 +217,20 @@ def calibrate_curves(
     curves = [found for path in curve.split(",") for found in read_curves(Path(path.strip()), keywords, measures)]
     points = sum(len(found.values) for found in curves)
     require(points >= 5, f"curve = {curve}: holds {points} points; must be at least 5")
-    for test in dict.fromkeys(curve.test for curve in curves):
-        both = sorted(test.settings.keys() & {*settings, *initial, "until"})
-        require(not both, f"curve = {test.name}: {''.join(both[:1])} is a column of it; must not be given, too")
-        domain = catalogue.build(scene, **settings | initial | test.settings).domain
-        room = 4.0 * np.ptp(domain, axis=0).max()  # beyond it a unit is missing
-        for each in (each for each in curves if each.test is test and unit_by_name(each.measure) == "m"):
-            largest, where = np.abs(each.values).max(), f"curve = {test.name}: {each.measure}"
-            require(
-                largest <= room, f"{where} = {largest:g} m: must be at most {room:.2g} m, or have a unit, as in [cm]"
-            )
+    for each in curves:
+        where, given = f"curve = {each.test.name}: ", each.test.settings
+        both = sorted(given.keys() & {*settings, *initial, "until"})
+        require(not both, f"{where}{''.join(both[:1])} is a column of it; must not be given, too")
+        room = 4.0 * np.ptp(catalogue.build(scene, **settings | initial | given).domain, axis=0).max()
+        largest = np.abs(each.values).max() * (unit_by_name(each.measure) == "m")  # beyond room a unit is missing
+        allowed = f"must be at most {room:.2g} m, or have a unit, as in [cm]"
+        require(largest <= room, f"{where}{each.measure} = {largest:g} m: {allowed}")
     folder, report, spacing = out or Path("studies") / f"calibrate-{built.name}", watch or str, built.spacing
-    runs = Runs(scene, curves, settings, initial, OFFSET in names, folder)
-    offsets = np.full((2, len(runs.shifted)), [[-10.0 * MAX_OFFSET], [10.0 * MAX_OFFSET]])
-    bounds, coarse = np.hstack([log_bounds(initial, type(built.material).model_fields), offsets]), spacing
-    unknowns, coarse = bounds.shape[1], COARSENING * spacing if finer else spacing
+    coarse = COARSENING * spacing if finer else spacing
+    runs = Runs(scene, curves, settings, initial, OFFSET in names, coarse, folder)
+    offsets = np.outer([-10.0 * MAX_OFFSET, 10.0 * MAX_OFFSET], np.ones(len(runs.shifted)))
+    bounds = np.hstack([log_bounds(initial, type(built.material).model_fields), offsets])
+    unknowns = bounds.shape[1]
     require(points > unknowns, f"free = {free}: {unknowns} numbers; must be fewer than the measured points, {points}")
     start, _ = executor_of(executor, workers, folder)
     with start() as runs.pool:
@@ -247,35 +240,32 @@ def calibrate_curves(
             duration = in_time(wall_time(cases, workers or os.cpu_count() or 1, likely))
             finely = f", besides {3 * len(runs.tests)} at {spacing:g} m" * finer
             report(f"some {likely} runs at a spacing of {coarse:g} m, about {duration}{finely}")
-        at, surface = search(runs, bounds, coarse, spacing, report)
+        at, surface = search(runs, bounds, spacing, report)
         return fit_result(runs, at, surface, bounds, built.material, spacing)
 
 
-def search(runs: Runs, bounds, coarse, spacing, report) -> tuple[np.ndarray, Surface]:
-    """Return the best point and the regression there, by runs of a ``coarse`` spacing [m] and, where that is not the
-    scene's ``spacing``, a finer one at the point that corrects them; ``report`` is called with lines of progress."""
+def search(runs: Runs, bounds, spacing, report) -> tuple[np.ndarray, Surface]:
+    """Return the best point within bounds, (2, unknowns), and the regression there, corrected by runs at the point of a
+    ``spacing`` [m] finer than that of the others; ``report`` is called with lines of progress."""
     from scipy.optimize import least_squares
 
-    count, steps = len(runs.initial), RUN_STEP * np.eye(len(bounds[0]))[: len(runs.initial)]
-    scaled = np.array([name != "flow_index" for name in runs.initial] + [False] * len(runs.shifted), float)
+    count, scaled = len(runs.initial), [name != "flow_index" for name in runs.initial] + [False] * len(runs.shifted)
     starts = np.clip(np.outer(np.log(START_FACTORS), scaled), *bounds)
-    runs.add(starts, coarse)
-    squares = [(np.sum(runs.residuals(rows, at) ** 2), k) for k, (at, rows) in enumerate(runs.done.values())]
-    at = list(runs.done.values())[min(squares)[1]][0] if squares else starts[0]
-    for corrected, most in ((False, MAX_ITERATIONS), (coarse > spacing, 2)):
+    runs.compute(starts, runs.coarse)
+    at, _ = min(runs.done.values(), key=lambda run: np.sum(runs.residuals(*run) ** 2), default=(starts[0], None))
+    steps = RUN_STEP * np.eye(len(at))[:count]
+    for is_corrected, most, reach in ((False, MAX_ITERATIONS, 2.0), (runs.coarse > spacing, MAX_CORRECTIONS, 1.0)):
+        reaches = np.where(steps.any(0), reach * RUN_STEP, np.inf)
         for _ in range(most):
-            centre = at
-            runs.add(np.clip([at, *(at + steps), *(at - steps)], *bounds), coarse)
-            runs.require_reached(runs.compute([at], coarse)[0], at)
+            centre, (rows, *_) = at, runs.compute(np.clip([at, *(at + steps), *(at - steps)], *bounds), runs.coarse)
+            runs.require_reached(at, rows)
             surface = Surface(runs, at)
-            if corrected:
-                surface.correction = runs.residuals(runs.compute([at], spacing)[0], at) - surface.residuals(at)
-            reach = np.where(np.arange(len(at)) < count, RUN_STEP * (1.0 if corrected else 2.0), np.inf)
+            if is_corrected:
+                surface.correction = runs.residuals(at, runs.compute([at], spacing)[0]) - surface.residuals(at)
             before = np.sum(surface.residuals(at) ** 2)
-            found = least_squares(surface.residuals, at, bounds=np.clip([at - reach, at + reach], *bounds))
+            found = least_squares(surface.residuals, at, bounds=np.clip([at - reaches, at + reaches], *bounds))
             at, error = found.x, RELATIVE_ERROR * np.sqrt(np.mean(found.fun**2))
-            told = f"{len(runs.planned)} runs, {runs.seconds:.1f} s each"
-            report(f"{told}: {runs.describe(at)}: misses by {error:.2%}")
+            report(f"{len(runs.planned)} runs, {runs.seconds:.1f} s each: {runs.describe(at)}: misses by {error:.2%}")
             if np.abs(at - centre)[:count].max() < TOLERANCE or 2.0 * found.cost > 0.99 * before:
                 break
     return at, surface
@@ -290,40 +280,41 @@ def fit_result(runs: Runs, at, surface: Surface, bounds, material, spacing) -> C
     """
     from scipy.stats import t
 
-    rows = runs.compute([at], spacing)[0]
-    residuals, parts_of, count = runs.residuals(rows, at), runs.split_by_curve, len(runs.initial)
-    runs.require_reached(rows, at)
+    count, (rows,) = len(runs.initial), runs.compute([at], spacing)
+    runs.require_reached(at, rows)
+    residuals = runs.residuals(at, rows)
     sum_of_squares, degrees_of_freedom = max(float(residuals @ residuals), 1e-12), len(residuals) - len(at)
-    correlation = sum(float(part[1:] @ part[:-1]) for part in parts_of(residuals)) / sum_of_squares
-    correlation = min(max(correlation, 0.0), 0.9)
+    products = sum(float(part[1:] @ part[:-1]) for part in np.split(residuals, runs.curve_ends))
+    correlation = np.clip(products / sum_of_squares, 0.0, 0.9)
     error = np.sqrt(sum_of_squares / degrees_of_freedom * (1.0 + correlation) / (1.0 - correlation))
-    prior, quantile = np.diag(12.0 / np.ptp(bounds, axis=0) ** 2), t.ppf(0.975, degrees_of_freedom)
-    sides, noise = surface.slopes(at) / error, surface.scatter(at) / error
-    slopes = sides.mean(0)
+    sides, noise, prior = surface.slopes(at) / error, surface.scatter(at) / error, prior_of(bounds)
+    slopes, least = sides.mean(0), np.diag(prior)
 
     def covariance(slopes):
         spread = np.linalg.inv(prior + slopes.T @ slopes)
         shifts = spread @ slopes.T @ noise.T  # of the best point, by the scatter of runs
         return spread + shifts @ shifts.T
 
-    ends = []
-    for sign, side in zip((-1.0, 1.0), sides, strict=True):
-        flattest = np.where(np.linalg.norm(side, axis=0) < np.linalg.norm(slopes, axis=0), side, slopes)
-        precision = 1.0 / np.diag(covariance(flattest)) - np.diag(prior)
-        ends.append(at + sign * quantile / np.sqrt(np.maximum(precision, 0.01 * np.diag(prior))))
-    first, spread = slice(count), covariance(slopes) * quantile**2
-    constants = constants_of(runs.initial, at[first], np.array(ends)[:, first], bounds[:, first])
-    half_widths, parts = runs.offsets(np.sqrt(np.diag(spread))), parts_of(slopes)
+    flattest = np.where(np.linalg.norm(sides, axis=1, keepdims=True) < np.linalg.norm(slopes, axis=0), sides, slopes)
+    precisions = np.array([1.0 / np.diag(covariance(side)) - least for side in flattest])
+    quantile = t.ppf(0.975, degrees_of_freedom)
+    ends = at + quantile / np.sqrt(np.maximum(precisions, 0.01 * least)) * [[-1.0], [1.0]]
+    constants = constants_of(runs.initial, at[:count], ends[:, :count], bounds[:, :count])
+    spread, parts = quantile**2 * covariance(slopes), np.split(slopes, runs.curve_ends)
+    offsets, widths = runs.offsets(at), runs.offsets(np.sqrt(np.diag(spread)))
     names = [f"{title(curve.measure)} of {curve.test.name}" for curve in runs.curves]
-    worth = worth_of(runs.initial, bounds, parts) if len(parts) > 1 else []
     return CurveFit(
         scene=runs.scene,
         material=material.model_copy(update={name: it.value for name, it in constants.items()}),
         constants=constants,
-        offsets={test.name: (runs.offsets(at)[test], half_widths[test]) for test in runs.shifted},
-        spread=spread[first, first],
-        curves=[curve.facts(values) for curve, values in zip(runs.curves, runs.model(rows, at), strict=True)],
-        worth=dict(zip(names, worth, strict=False)),
+        offsets={test.name: (offset, widths[test]) for test, offset in offsets.items()},
+        spread=spread[:count, :count],
+        curves=[
+            {"name": curve.test.name, "settings": curve.test.settings, "measure": curve.measure}
+            | {"times": curve.times.tolist(), "measured": curve.values.tolist(), "model": model.tolist()}
+            for curve, model in zip(runs.curves, runs.model(residuals), strict=True)
+        ],
+        worth=dict(zip(names, worth_of(runs.initial, prior, parts), strict=True)) if len(parts) > 1 else {},
         runs=len(runs.planned),
         cpu_seconds=sum(
             row.get(name) or 0.0 for row in runs.rows.values() for name in ("cpu_seconds", "compile_seconds")

@@ -37,12 +37,6 @@ class Curve:
     times: np.ndarray  # [s], (n,)
     values: np.ndarray  # SI units, (n,); (1,) without times
 
-    def facts(self, model) -> dict:
-        """Return the curve beside values of the model, JSON-ready."""
-        facts = {"name": self.test.name, "settings": self.test.settings, "measure": self.measure}
-        arrays = {"times": self.times, "measured": self.values, "model": model}
-        return facts | {name: array.tolist() for name, array in arrays.items()}
-
 
 def unit_by_name(measure: str) -> str:
     """Return the SI unit of a measure, by the end of its name."""
@@ -144,42 +138,38 @@ class CurveFit(FittedConstants):
         """Root mean square of model - measured over the largest measured value, by measure [-]."""
         found = {}
         for name in {each["measure"]: None for each in self.curves}:
-            pairs = [(each["model"], each["measured"]) for each in self.curves if each["measure"] == name]
-            model, measured = (np.concatenate(values) for values in zip(*pairs, strict=True))
+            model, measured = (
+                np.concatenate([each[of] for each in self.curves if each["measure"] == name])
+                for of in ("model", "measured")
+            )
             found[name] = float(np.sqrt(np.nanmean((model - measured) ** 2)) / (np.nanmax(np.abs(measured)) or 1.0))
         return found
 
     def flow_curve(self, rates=SHEAR_RATES) -> tuple[np.ndarray, np.ndarray]:
         """Return shear stresses [Pa] at shear rates [1/s], and the factors of their 95 % intervals."""
 
-        def stress(**changed):
-            law = self.material.model_copy(update=changed)
-            return np.array([law.shear_stress(float(rate), 0.0) for rate in rates])
-
-        slopes = []
-        for name, it in self.constants.items():
-            up, down = (np.log(stress(**{name: it.value * np.exp(step)})) for step in (0.01, -0.01))
-            slopes.append((up - down) / 0.02)
-        return stress(), np.exp(np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.spread, slopes)))
+        changes = [{name: it.value * np.exp(by)} for name, it in self.constants.items() for by in (0.01, -0.01)]
+        laws = [self.material, *(self.material.model_copy(update=change) for change in changes)]
+        stress, *changed = np.array([[law.shear_stress(float(rate), 0.0) for rate in rates] for law in laws])
+        slopes = (np.log(changed[::2]) - np.log(changed[1::2])) / 0.02
+        return stress, np.exp(np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.spread, slopes)))
 
     def determined(self) -> str:
         """Format in sentences which constants the curves determine."""
-        errors = {name: float(np.sqrt(self.spread[k, k])) for k, name in enumerate(self.constants)}
-        known = [f"{in_words(name)} to {percent(errors[name])}" for name, it in self.constants.items() if it.determined]
+        errors = dict(zip(self.constants, map(percent, np.sqrt(np.diag(self.spread))), strict=True))
+        known = [f"{in_words(name)} to {errors[name]}" for name, it in self.constants.items() if it.determined]
         others = [in_words(name) for name, it in self.constants.items() if not it.determined]
-        stress, factor = self.flow_curve()
-        best = int(np.argmin(factor))
         sentences = [f"The curves determine the {' and the '.join(known)}."] * bool(known)
         sentences += [f"They do not determine the {' and the '.join(others)}."] * bool(others)
-        at, error = f"{SHEAR_RATES[best]:.2g} 1/s, {rounded(stress[best])} Pa", percent(np.log(factor[best]))
-        return " ".join([*sentences, f"The shear stress is known best at {at}, to {error}."])
+        rate, stress, factor = min(zip(SHEAR_RATES, *self.flow_curve(), strict=True), key=lambda point: point[2])
+        best = f"{rate:.2g} 1/s, {rounded(stress)} Pa, to {percent(np.log(factor))}"
+        return " ".join([*sentences, f"The shear stress is known best at {best}."])
 
     def facts(self) -> dict:
         """Return all results, JSON-ready."""
-        stress, factor = self.flow_curve()
-        flow = {"shear_rate_1_s": SHEAR_RATES, "shear_stress_Pa": stress, "factor": factor}
+        flow = zip(("shear_rate_1_s", "shear_stress_Pa", "factor"), (SHEAR_RATES, *self.flow_curve()), strict=True)
         facts = {"material": self.material.facts(), "missed": self.missed, "spread": self.spread.tolist()}
-        return super().facts() | facts | {"flow_curve": {name: values.tolist() for name, values in flow.items()}}
+        return super().facts() | facts | {"flow_curve": {name: values.tolist() for name, values in flow}}
 
     def __str__(self):
         lines, offsets = self.constant_lines(), self.offsets.items()

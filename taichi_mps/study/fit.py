@@ -25,11 +25,16 @@ def constants_of(scales: dict[str, float], at, ends, bounds) -> dict[str, Consta
     return {name: Constant(*row, CONSTANT_UNITS[name]) for name, row in zip(scales, strict(rows.tolist()), strict=True)}
 
 
-def worth_of(names, bounds, parts) -> list[dict[str, float]]:
+def prior_of(bounds) -> np.ndarray:
+    """Return the inverse covariance of a uniform prior within bounds, (2, unknowns)."""
+    return np.diag(12.0 / np.ptp(bounds, axis=0) ** 2)
+
+
+def worth_of(names, prior, parts) -> list[dict[str, float]]:
     """Return the factor by which the standard error of each constant would grow without each part of the
-    measurements, by the slopes of the residuals of the parts, each (points, unknowns), and a uniform prior within the
-    bounds, (2, unknowns)."""
-    parts, prior = np.array([part.T @ part for part in parts]), np.diag(12.0 / np.ptp(bounds, axis=0) ** 2)
+    measurements, by the slopes of the residuals of the parts, each (points, unknowns), and the prior's
+    inverse covariance."""
+    parts = np.array([part.T @ part for part in parts])
     covariances = np.linalg.inv([prior + parts.sum(0), *(prior + parts.sum(0) - part for part in parts)])
     errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     return [dict(zip(names, (each / errors[0]).tolist(), strict=False)) for each in errors[1:]]
@@ -164,5 +169,5 @@ def fit(
         model={name: float(value.item()) for name, value in tables.model(at[:, None]).items()},
         misfit=least,
         by_viscosity=pairs,
-        worth=dict(zip(measured, worth_of(fitted, tables.bounds[:, tables.free], parts), strict=True)),
+        worth=dict(zip(measured, worth_of(fitted, prior_of(tables.bounds[:, tables.free]), parts), strict=True)),
     )
