@@ -108,12 +108,14 @@ class Runs:
         """Return the values of each curve that have these residuals."""
         return np.split(self.measured + self.errors * residuals, self.curve_ends)
 
-    def require_reached(self, at, rows) -> None:
-        """Raise SceneError, with the rows at a point, where over a quarter of a curve's points lie beyond all runs."""
-        model = self.model(self.residuals(at, rows))
+    def require_reached(self, at, residuals) -> None:
+        """Raise SceneError, with the residuals at a point, where over a quarter of a curve's points lie beyond all
+        runs."""
         found = np.array([self.residuals(at, each) for _, each in self.done.values()])
         beyond = np.maximum(found.min(0), -found.max(0)) > MAX_DISTANCE / RELATIVE_ERROR
-        for curve, values, outside in zip(self.curves, model, np.split(beyond, self.curve_ends), strict=True):
+        for curve, values, outside in zip(
+            self.curves, self.model(residuals), np.split(beyond, self.curve_ends), strict=True
+        ):
             measured, nearest = (written(curve.measure, float(each[-1])) for each in (curve.values, values))
             require(
                 np.mean(outside) <= 0.25,
@@ -153,13 +155,6 @@ class Surface:
     def residuals(self, at) -> np.ndarray:
         """Return the residuals at a point."""
         return self.terms_at(at) @ self.inverse @ self.run_residuals(at) + self.correction
-
-    def slopes(self, at) -> np.ndarray:
-        """Return one-sided derivatives of the residuals at a point, (2, points, unknowns)."""
-        steps = np.where(np.arange(len(at)) < len(self.centre), RUN_STEP, DIFFERENCE_STEP)
-        both = np.multiply.outer([-1.0, 1.0], np.diag(steps))
-        found = np.array([[self.residuals(at + step) for step in side] for side in both]) - self.residuals(at)
-        return np.swapaxes(found / both.sum(2)[..., None], 1, 2)
 
     def scatter(self, at) -> np.ndarray:
         """Return errors of the residuals at a point by the scatter of runs, (runs, points), whose squares add up. A
@@ -240,38 +235,42 @@ def calibrate_curves(
             duration = in_time(wall_time(cases, workers or os.cpu_count() or 1, likely))
             finely = f", besides {3 * len(runs.tests)} at {spacing:g} m" * finer
             report(f"some {likely} runs at a spacing of {coarse:g} m, about {duration}{finely}")
-        at, surface = search(runs, bounds, spacing, report)
-        return fit_result(runs, at, surface, bounds, built.material, spacing)
+        return fit_result(runs, built.material, spacing, bounds, *search(runs, spacing, bounds, report))
 
 
-def search(runs: Runs, bounds, spacing, report) -> tuple[np.ndarray, Surface]:
-    """Return the best point within bounds, (2, unknowns), and the regression there, corrected by runs at the point of a
-    ``spacing`` [m] finer than that of the others; ``report`` is called with lines of progress."""
+def search(runs: Runs, spacing, bounds, report) -> tuple[np.ndarray, Surface, np.ndarray, np.ndarray]:
+    """Return the best point within bounds, (2, unknowns), by coarse runs, corrected by finer ones of a ``spacing`` [m],
+    the regression near it, and derivatives of the residuals: by the regression, (points, unknowns), and to both sides
+    between runs, (2, points, unknowns). ``report`` is called with lines of progress."""
     from scipy.optimize import least_squares
 
     count, scaled = len(runs.initial), [name != "flow_index" for name in runs.initial] + [False] * len(runs.shifted)
     starts = np.clip(np.outer(np.log(START_FACTORS), scaled), *bounds)
     runs.compute(starts, runs.coarse)
     at, _ = min(runs.done.values(), key=lambda run: np.sum(runs.residuals(*run) ** 2), default=(starts[0], None))
-    steps = RUN_STEP * np.eye(len(at))[:count]
+    are_constants = np.arange(len(at)) < count
+    steps = np.diag(np.where(are_constants, RUN_STEP, DIFFERENCE_STEP))
     for is_corrected, most, reach in ((False, MAX_ITERATIONS, 2.0), (runs.coarse > spacing, MAX_CORRECTIONS, 1.0)):
-        reaches = np.where(steps.any(0), reach * RUN_STEP, np.inf)
         for _ in range(most):
-            centre, (rows, *_) = at, runs.compute(np.clip([at, *(at + steps), *(at - steps)], *bounds), runs.coarse)
-            runs.require_reached(at, rows)
+            centre, around = at, np.clip([at - steps, at + steps], *bounds)
+            points = [at, *np.concatenate(around)]
+            rows = runs.compute(points, runs.coarse)
+            here, *others = (runs.residuals(*pair) for pair in zip(points, rows, strict=True))
+            sides = (np.reshape(others, (2, len(at), -1)) - here) / (around - at).sum(2)[..., None]
+            runs.require_reached(at, here)
             surface = Surface(runs, at)
             if is_corrected:
                 surface.correction = runs.residuals(at, runs.compute([at], spacing)[0]) - surface.residuals(at)
-            before = np.sum(surface.residuals(at) ** 2)
+            before, reaches = np.sum(surface.residuals(at) ** 2), np.where(are_constants, reach * RUN_STEP, np.inf)
             found = least_squares(surface.residuals, at, bounds=np.clip([at - reaches, at + reaches], *bounds))
             at, error = found.x, RELATIVE_ERROR * np.sqrt(np.mean(found.fun**2))
             report(f"{len(runs.planned)} runs, {runs.seconds:.1f} s each: {runs.describe(at)}: misses by {error:.2%}")
             if np.abs(at - centre)[:count].max() < TOLERANCE or 2.0 * found.cost > 0.99 * before:
                 break
-    return at, surface
+    return at, surface, found.jac, np.swapaxes(sides, 1, 2)
 
 
-def fit_result(runs: Runs, at, surface: Surface, bounds, material, spacing) -> CurveFit:
+def fit_result(runs: Runs, material, spacing, bounds, at, surface: Surface, slopes, side_slopes) -> CurveFit:
     """Return the result at a point, with intervals by the slopes, the residuals there and the scatter of the runs.
 
     The residuals of a curve are correlated: their variance is scaled by (1 + r)/(1 - r), r the correlation of
@@ -281,14 +280,14 @@ def fit_result(runs: Runs, at, surface: Surface, bounds, material, spacing) -> C
     from scipy.stats import t
 
     count, (rows,) = len(runs.initial), runs.compute([at], spacing)
-    runs.require_reached(at, rows)
     residuals = runs.residuals(at, rows)
+    runs.require_reached(at, residuals)
     sum_of_squares, degrees_of_freedom = max(float(residuals @ residuals), 1e-12), len(residuals) - len(at)
     products = sum(float(part[1:] @ part[:-1]) for part in np.split(residuals, runs.curve_ends))
     correlation = np.clip(products / sum_of_squares, 0.0, 0.9)
     error = np.sqrt(sum_of_squares / degrees_of_freedom * (1.0 + correlation) / (1.0 - correlation))
-    sides, noise, prior = surface.slopes(at) / error, surface.scatter(at) / error, prior_of(bounds)
-    slopes, least = sides.mean(0), np.diag(prior)
+    slopes, sides, noise = slopes / error, side_slopes / error, surface.scatter(at) / error
+    prior = prior_of(bounds)
 
     def covariance(slopes):
         spread = np.linalg.inv(prior + slopes.T @ slopes)
@@ -296,8 +295,8 @@ def fit_result(runs: Runs, at, surface: Surface, bounds, material, spacing) -> C
         return spread + shifts @ shifts.T
 
     flattest = np.where(np.linalg.norm(sides, axis=1, keepdims=True) < np.linalg.norm(slopes, axis=0), sides, slopes)
+    least, quantile = np.diag(prior), t.ppf(0.975, degrees_of_freedom)
     precisions = np.array([1.0 / np.diag(covariance(side)) - least for side in flattest])
-    quantile = t.ppf(0.975, degrees_of_freedom)
     ends = at + quantile / np.sqrt(np.maximum(precisions, 0.01 * least)) * [[-1.0], [1.0]]
     constants = constants_of(runs.initial, at[:count], ends[:, :count], bounds[:, :count])
     spread, parts = quantile**2 * covariance(slopes), np.split(slopes, runs.curve_ends)
