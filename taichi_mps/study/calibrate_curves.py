@@ -2,7 +2,6 @@
 of the scene near the best point; the regression averages their scatter."""
 
 import os
-from functools import partial
 from itertools import combinations_with_replacement
 from pathlib import Path
 from time import monotonic
@@ -34,7 +33,9 @@ RELATIVE_ERROR = 0.01  # of a point over the largest value of its measure: weigh
 MAX_DISTANCE = 0.1  # of points beyond all runs, over the largest value of their measure
 
 
-run_with_history = partial(run, samples=SAMPLES)
+def run_with_history(case: Case) -> dict:  # Slurm's workers import it by name
+    """Run a case to its end and return its row, with its measures over time in ``course``, {name: values}."""
+    return run(case, SAMPLES)
 
 
 class Runs:
@@ -55,15 +56,15 @@ class Runs:
         self.shifted = [test for test in self.tests if is_shifted and len(test.times)]
         self.curve_ends = np.cumsum([len(curve.values) for curve in curves])[:-1]  # in the residuals
         self.measured = np.concatenate([curve.values for curve in curves])
-        names = np.concatenate([[curve.measure] * len(curve.values) for curve in curves])
-        largest = [np.abs(self.measured[names == name]).max() or 1.0 for name in names]
-        self.errors = RELATIVE_ERROR * np.array(largest)
+        alike = [np.concatenate([each.values for each in curves if each.measure == one.measure]) for one in curves]
+        largest = [np.abs(values).max() or 1.0 for values in alike]
+        self.errors = RELATIVE_ERROR * np.repeat(largest, [len(curve.values) for curve in curves])
         self.planned, self.rows, self.done = {}, {}, {}
 
     def mix(self, at) -> dict[str, float]:
         """Return the constants of a point, SI units, rounded to five figures, which identify a run."""
-        pairs = zip(self.initial.items(), at, strict=False)
-        return {name: float(f"{value * np.exp(logarithm):.5g}") for (name, value), logarithm in pairs}
+        values = zip(self.initial.items(), np.exp(at[: len(self.initial)]), strict=True)
+        return {name: float(f"{initial * factor:.5g}") for (name, initial), factor in values}
 
     def offsets(self, at) -> dict[Test, float]:
         """Return the time [s] of the scene at the zero of each shifted test."""
@@ -72,8 +73,8 @@ class Runs:
 
     def case(self, test: Test, at, spacing) -> Case:
         """Return the case of a test at a point and a spacing [m]."""
-        margin = MAX_OFFSET * (test in self.shifted)
-        until = {"until": float(test.times[-1] + margin * np.ptp(test.times))} if len(test.times) else {}
+        margin = MAX_OFFSET * np.ptp(test.times) if test in self.shifted else 0.0
+        until = {"until": float(test.times[-1] + margin)} if len(test.times) else {}
         return case(self.scene, **self.settings | test.settings | self.mix(at) | until | {"spacing": spacing})
 
     def compute(self, points, spacing) -> list[dict[Test, dict]]:
