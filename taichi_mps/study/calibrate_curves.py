@@ -252,6 +252,7 @@ def search(runs: Runs, spacing, bounds, report) -> tuple[np.ndarray, Surface, np
     are_constants = np.arange(len(at)) < count
     steps = np.diag(np.where(are_constants, RUN_STEP, DIFFERENCE_STEP))
     for is_corrected, most, reach in ((False, MAX_ITERATIONS, 2.0), (runs.coarse > spacing, MAX_CORRECTIONS, 1.0)):
+        last = np.inf
         for _ in range(most):
             centre, around = at, np.clip([at - steps, at + steps], *bounds)
             points = [at, *np.concatenate(around)]
@@ -266,8 +267,10 @@ def search(runs: Runs, spacing, bounds, report) -> tuple[np.ndarray, Surface, np
             found = least_squares(surface.residuals, at, bounds=np.clip([at - reaches, at + reaches], *bounds))
             at, error = found.x, RELATIVE_ERROR * np.sqrt(np.mean(found.fun**2))
             report(f"{len(runs.planned)} runs, {runs.seconds:.1f} s each: {runs.describe(at)}: misses by {error:.2%}")
-            if np.abs(at - centre)[:count].max() < TOLERANCE or 2.0 * found.cost > 0.99 * before:
+            is_stalled = 2.0 * found.cost > 0.99 * before or abs(before - last) < 0.03 * last
+            if np.abs(at - centre)[:count].max() < TOLERANCE or is_stalled:
                 break
+            last = before
     return at, surface, found.jac, np.swapaxes(sides, 1, 2)
 
 
