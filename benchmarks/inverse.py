@@ -176,7 +176,7 @@ def draw() -> None:
     if FILM in results:
         told = results[FILM]["told"].splitlines()
         text.append(f"The filmed slump flow: {'; '.join(' '.join(line.split()) for line in told[:3])}. {told[-2]}")
-    points.put("measured.md", "inverse", "\n\n".join(text), [points.load("inverse")])
+    points.put("measured.md", "inverse", "\n\n".join(text), list(results.values()))
 
 
 if __name__ == "__main__":
