@@ -133,7 +133,7 @@ def draw() -> None:
         f"{np.sum(held):.0f} of {len(verdicts)} bands of 95 % hold the rheometer's curve, asked: three.",
         f"The filmed slump flow: {'; '.join(' '.join(line.split()) for line in told[:3])}. {told[-2]}",
     ]
-    points.put("measured.md", "inverse", "\n\n".join(text), [points.load("inverse")])
+    points.put("measured.md", "inverse", "\n\n".join(text), list(results.values()))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""Constants of a law from measured curves: runs of their scene, by least squares on the logarithms, coarse first."""
+"""Constants of a law from measured curves: least squares on the logarithms of the constants, by a regression over runs
+of the scene near the best point; the regression averages their scatter."""
 
 import os
-import warnings
+from itertools import combinations_with_replacement
 from pathlib import Path
 from time import monotonic
 
@@ -11,13 +12,11 @@ from ..problem import catalogue
 from ..problem.labels import in_words, is_measure, title, written
 from ..problem.materials import LAWS, numbers_of
 from ..report.sentences import in_time
-from ..units import SceneError, notes, require, suggestion
+from ..units import notes, require, suggestion
 from .calibration import rounded
-from .case import case
-from .case import run as run_case
-from .curves import Curve, CurveFit, Test, measures_of, read_curve_files, unit_by_name
-from .fit import DIFFERENCE_STEP, FAILED_RESIDUAL, LeastSquares
-from .surface import RUN_STEP, Surface
+from .case import Case, case, run
+from .curves import Curve, CurveFit, Test, measures_of, read_curves, unit_by_name
+from .fit import DIFFERENCE_STEP, constants_of, prior_of, worth_of
 from .sweep import carry_out, executor_of, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
@@ -25,162 +24,146 @@ MAX_OFFSET = 0.5  # largest offset over the duration of the curve
 SAMPLES = 100  # of a curve of a run
 COARSENING = 2.0  # spacing of the runs of the fit over the scene's
 SEARCH_FACTOR = 100.0  # largest factor between a constant and its initial value
-START_ITERATIONS = 4  # runs of the first search, which scales all constants by one factor
-MAX_ITERATIONS, TOLERANCE = 10, 0.05  # of the search, and the change of the logarithms that ends it
+START_FACTORS = 1.0, 0.1, 0.3, 3.0, 10.0  # of all constants at once, run first
+RUN_STEP = 0.4  # of the logarithm of a constant, between runs; particles scatter more than smaller steps
+RADIUS = 1.5 * RUN_STEP  # in the logarithms, within which runs enter the regression
+MAX_ITERATIONS, MAX_CORRECTIONS = 10, 2  # regressions by coarse runs, and by these and a finer one
+TOLERANCE = 0.05  # change of the logarithms that ends them
 RELATIVE_ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
 MAX_DISTANCE = 0.1  # of points beyond all runs, over the largest value of their measure
 
 
-def run_with_history(case):
+def run_with_history(case: Case) -> dict:  # Slurm's workers import it by name
     """Run a case to its end and return its row, with its measures over time in ``course``, {name: values}."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "volume_error_max")  # coarse runs are corrected by finer ones
-        return run_case(case, SAMPLES)
+    return run(case, SAMPLES)
 
 
-class RunLeastSquares(LeastSquares):
-    """Least squares of runs of a scene to measured curves; the runs are kept in the folder of a study.
+class Runs:
+    """Runs of a scene beside measured curves, kept in the folder of a study.
 
-    A point ``at`` holds the logarithms of the constants over their ``initial`` values, then, with ``offsets``, the time
-    of the scene at the zero of each test over a tenth of the test's duration. Runs of the fit have a ``spacing`` [m];
-    ``correction`` is added to their residuals, and ``computed`` holds their points.
+    A point ``at`` holds the logarithms of the constants over their ``initial`` values, then the time of the scene at
+    the zero of each ``shifted`` test over a tenth of the test's duration. ``done`` holds points of the search, whose
+    runs have the spacing ``coarse`` [m], with their rows by test. Residuals are those of all measured points:
+    (computed - measured)/error.
     """
 
     def __init__(
-        self, scene: str, curves: list[Curve], settings: dict, initial: dict, ends, offsets: bool, spacing: float
+        self, scene: str, curves: list[Curve], settings: dict, initial: dict, is_shifted: bool, coarse, folder
     ):
         self.scene, self.curves, self.settings, self.initial = scene, curves, settings, initial
-        self.folder, self.pool, self.seconds = None, None, 0.0  # of the study, its executor, wall time of a run
-        self.spacing, self.correction = spacing, 0.0
-        self.cases, self.planned, self.rows, self.computed = {}, {}, {}, {}
+        self.coarse, self.folder, self.pool, self.seconds = coarse, folder, None, 0.0  # executor, wall time of a run
         self.tests = list(dict.fromkeys(curve.test for curve in curves))
-        shifted = [test for test in self.tests if offsets and len(test.times)]
-        self.offset_columns = {test: number for number, test in enumerate(shifted, len(initial))}  # in a point
-        self.offset_units = np.array([0.1 * np.ptp(test.times) for test in shifted])  # of the offsets [s]
+        self.shifted = [test for test in self.tests if is_shifted and len(test.times)]
+        self.curve_ends = np.cumsum([len(curve.values) for curve in curves])[:-1]  # in the residuals
+        self.measured = np.concatenate([curve.values for curve in curves])
         alike = [np.concatenate([each.values for each in curves if each.measure == one.measure]) for one in curves]
-        self.errors = [RELATIVE_ERROR * (float(np.abs(values).max()) or 1.0) for values in alike]
-        self.curve_ends = np.cumsum([len(curve.values) for curve in curves])  # in the residuals
-        self.residual_range = np.inf, -np.inf  # smallest and largest residual of each point so far
-        super().__init__(initial, np.hstack([ends, np.outer([-10.0, 10.0], np.full(len(shifted), MAX_OFFSET))]))
+        largest = [np.abs(values).max() or 1.0 for values in alike]
+        self.errors = RELATIVE_ERROR * np.repeat(largest, [len(curve.values) for curve in curves])
+        self.planned, self.rows, self.done = {}, {}, {}
 
     def mix(self, at) -> dict[str, float]:
         """Return the constants of a point, SI units, rounded to five figures, which identify a run."""
-        values = zip(self.initial.items(), at[: len(self.initial)], strict=True)
-        return {name: float(f"{value * np.exp(logarithm):.5g}") for (name, value), logarithm in values}
+        values = zip(self.initial.items(), np.exp(at[: len(self.initial)]), strict=True)
+        return {name: float(f"{initial * factor:.5g}") for (name, initial), factor in values}
 
-    def offset(self, at, test: Test) -> float:
-        """Return the time [s] of the scene at the zero of a test."""
-        column = self.offset_columns.get(test)
-        return 0.0 if column is None else at[column] * self.offset_units[column - len(self.initial)]
+    def offsets(self, at) -> dict[Test, float]:
+        """Return the time [s] of the scene at the zero of each shifted test."""
+        pairs = zip(self.shifted, at[len(self.initial) :], strict=True)
+        return {test: 0.1 * float(np.ptp(test.times) * offset) for test, offset in pairs}
 
-    def case(self, test: Test, at, spacing):
+    def case(self, test: Test, at, spacing) -> Case:
         """Return the case of a test at a point and a spacing [m]."""
-        mix = self.mix(at)
-        name = test, spacing, *mix.values()
-        if name not in self.cases:
-            margin = MAX_OFFSET * np.ptp(test.times) if test in self.offset_columns else 0.0
-            until = {"until": float(test.times[-1] + margin)} if len(test.times) else {}
-            keywords = self.settings | test.settings | mix | until | {"spacing": spacing}
-            self.cases[name] = case(self.scene, **keywords)
-        return self.cases[name]
+        margin = MAX_OFFSET * np.ptp(test.times) if test in self.shifted else 0.0
+        until = {"until": float(test.times[-1] + margin)} if len(test.times) else {}
+        return case(self.scene, **self.settings | test.settings | self.mix(at) | until | {"spacing": spacing})
 
-    def compute(self, points, spacing) -> None:
-        """Run the cases of these points that were not run yet, in parallel."""
-        wanted = [self.case(test, at, spacing) for at in points for test in self.tests]
-        start, new = monotonic(), [run for run in wanted if run.key not in self.planned]
-        self.planned |= {run.key: run for run in wanted}
-        if new:
+    def compute(self, points, spacing) -> list[dict[Test, dict]]:
+        """Return the rows of the tests at each point; runs that are new are carried out in parallel."""
+        cases = [{test: self.case(test, at, spacing) for test in self.tests} for at in points]
+        start, before = monotonic(), len(self.planned)
+        self.planned |= {each.key: each for some in cases for each in some.values()}
+        if new := len(self.planned) - before:
             rows = carry_out(list(self.planned.values()), self.folder, run_with_history, self.pool)
-            self.rows = {row["key"]: row for row in rows}
-            self.seconds = (monotonic() - start) / len(new)
-        for at in points:
-            keys = [self.case(test, at, spacing).key for test in self.tests]
-            if spacing == self.spacing and all(self.rows[key]["status"] == "done" for key in keys):
-                self.computed[tuple(self.mix(at).values())] = at[: len(self.initial)]
+            self.rows, self.seconds = {row["key"]: row for row in rows}, (monotonic() - start) / new
+        found = [{test: self.rows[each.key] for test, each in some.items()} for some in cases]
+        if spacing == self.coarse:
+            done = {tuple(self.mix(at).values()): (at, rows) for at, rows in zip(points, found, strict=True)}
+            self.done |= {mix: run for mix, run in done.items() if all(r["status"] == "done" for r in run[1].values())}
+        return found
 
-    def model(self, at, spacing) -> list[np.ndarray]:
-        """Return the values of each curve by runs, at its times or at the end; SceneError where a run failed."""
-        self.compute([at], spacing)
-        found = []
+    def residuals(self, at, rows) -> np.ndarray:
+        """Return the residuals by rows of the tests, at the times of the curves with the offsets of a point, or at the
+        end; SceneError where a run failed."""
+        found, offsets = [], self.offsets(at)
         for curve in self.curves:
-            test, name, row = curve.test, curve.measure, self.rows[self.case(curve.test, at, spacing).key]
+            test, name, row = curve.test, curve.measure, rows[curve.test]
             require(row["status"] == "done", f"curve = {test.name}: a run {row['status']}: {row['reason']}")
-            values = row["course"] if len(test.times) else row
-            measures = ", ".join(filter(is_measure, values))
-            require(name in values, f"curve = {test.name}: the scene does not measure {name}; must be of {measures}")
+            values, times = row["course"] if len(test.times) else row, curve.times + offsets.get(test, 0.0)
+            known = ", ".join(filter(is_measure, values))
+            require(name in values, f"curve = {test.name}: the scene does not measure {name}; must be of {known}")
             value = np.atleast_1d(np.array(values[name], float))
-            found.append(
-                np.interp(curve.times + self.offset(at, test), values["time_s"], value) if len(test.times) else value
-            )
-        return found
+            found.append(np.interp(times, values["time_s"], value) if len(times) else value)
+        return (np.concatenate(found) - self.measured) / self.errors
 
-    def residuals_at(self, at, spacing) -> np.ndarray:
-        """Return (model - measured)/error of all measured points, by runs of a spacing [m]."""
-        triples = zip(self.model(at, spacing), self.curves, self.errors, strict=True)
-        found = np.concatenate([(model - curve.values) / error for model, curve, error in triples])
-        self.residual_range = np.fmin(self.residual_range[0], found), np.fmax(self.residual_range[1], found)
-        return found
+    def model(self, residuals) -> list[np.ndarray]:
+        """Return the values of each curve that have these residuals."""
+        return np.split(self.measured + self.errors * residuals, self.curve_ends)
 
-    def residuals(self, at) -> np.ndarray:
-        """Return (model - measured)/error of all measured points, corrected."""
-        return self.residuals_at(at, self.spacing) + self.correction
-
-    def split_by_curve(self, values) -> list[np.ndarray]:
-        """Split values of all measured points, such as residuals, by curve."""
-        return np.split(values, self.curve_ends[:-1])
-
-    def require_reached(self, at) -> None:
-        """Raise SceneError, with the run at a point, where over a quarter of a curve's points lie beyond all runs."""
-        lowest, highest = self.residual_range
-        beyond = self.split_by_curve(np.maximum(lowest, -highest) > MAX_DISTANCE / RELATIVE_ERROR)
-        for curve, model, outside in zip(self.curves, self.model(at, self.spacing), beyond, strict=True):
-            measured, nearest = (written(curve.measure, float(values[-1])) for values in (curve.values, model))
+    def require_reached(self, at, residuals) -> None:
+        """Raise SceneError, with the residuals at a point, where over a quarter of a curve's points lie beyond all
+        runs."""
+        found = np.array([self.residuals(at, each) for _, each in self.done.values()])
+        beyond = np.maximum(found.min(0), -found.max(0)) > MAX_DISTANCE / RELATIVE_ERROR
+        for curve, values, outside in zip(
+            self.curves, self.model(residuals), np.split(beyond, self.curve_ends), strict=True
+        ):
+            measured, nearest = (written(curve.measure, float(each[-1])) for each in (curve.values, values))
             require(
                 np.mean(outside) <= 0.25,
                 f"curve = {curve.test.name}: no run comes to it, its {title(curve.measure)} ends at {measured}, that "
                 f"of the nearest run at {nearest}, {self.describe(at)}",
             )
 
-    def one_sided_slopes(self, at) -> np.ndarray:
-        """Return one-sided derivatives of the residuals at a point, (2, points, unknowns): by steps of RUN_STEP in the
-        logarithm of a constant, of DIFFERENCE_STEP in an offset. Runs are computed in parallel."""
-        count, others = len(self.initial), len(self.offset_units)
-        steps = np.diag([RUN_STEP] * count + [DIFFERENCE_STEP] * others)
-        around = np.clip([at - steps, at + steps], *self.bounds)
-        self.compute([at, *around[0, :count], *around[1, :count]], self.spacing)
-        found = np.array([[self.residuals(point) for point in side] for side in around]) - self.residuals(at)
-        return np.swapaxes(found / (around - at).sum(2)[..., None], 1, 2)
-
-    def slopes(self, at) -> np.ndarray:
-        """Return central derivatives of the residuals at a point, (points, unknowns)."""
-        return self.one_sided_slopes(at).mean(0)
-
-    def fit_offsets(self, at) -> tuple[np.ndarray, float]:
-        """Return the point with the best offset of each test, and the sum of squares there."""
-        tried = np.linspace(-10.0 * MAX_OFFSET, 10.0 * MAX_OFFSET, 201) if self.offset_columns else np.zeros(1)
-        squares = []
-        for offset in tried:
-            at = np.concatenate([at[: len(self.initial)], np.full(len(self.offset_units), offset)])
-            squares.append([part @ part for part in self.split_by_curve(self.residuals(at))])
-        for test, column in self.offset_columns.items():
-            selected = [curve.test is test for curve in self.curves]
-            at[column] = tried[np.argmin(np.array(squares)[:, selected].sum(1))]
-        return at, float(np.sum(self.residuals(at) ** 2))
-
-    def initial_guess(self) -> np.ndarray:
-        """Return the start of the fit, all constants scaled by the best common factor; SceneError beyond all runs."""
-        from scipy.optimize import minimize_scalar
-
-        direction = np.array([name != "flow_index" for name in self.initial], float)
-        search = {"bounds": np.log([1.0 / SEARCH_FACTOR, SEARCH_FACTOR]), "options": {"maxiter": START_ITERATIONS}}
-        best = minimize_scalar(lambda factor: self.fit_offsets(factor * direction)[1], method="bounded", **search).x
-        at, _ = self.fit_offsets(best * direction)
-        self.require_reached(at)
-        return at
-
     def describe(self, at) -> str:
         """Format the constants of a point."""
         return ", ".join(f"{in_words(name)} {rounded(value)}" for name, value in self.mix(at).items())
+
+
+class Surface:
+    """Residuals near a point as a smooth function of it, which averages the scatter of runs: a quadratic regression on
+    the logarithms of the constants over the runs within RADIUS. ``correction`` is added. Offsets of time need no runs.
+    """
+
+    def __init__(self, runs: Runs, centre):
+        self.runs, self.centre, self.correction = runs, centre[: len(runs.initial)], 0.0
+        near = [(at, rows) for at, rows in runs.done.values() if np.abs(self.distances(at)).max() <= RADIUS]
+        self.rows, self.terms = [rows for _, rows in near], np.array([self.terms_at(at) for at, _ in near])
+        self.inverse = np.linalg.pinv(self.terms, rcond=1e-3)
+
+    def distances(self, at) -> np.ndarray:
+        """Return the distances of the constants of a point from the centre."""
+        return at[: len(self.centre)] - self.centre
+
+    def terms_at(self, at) -> np.ndarray:
+        """Return the terms of the quadratic at a point."""
+        distances = self.distances(at)
+        return np.array([1.0, *distances, *(a * b for a, b in combinations_with_replacement(distances, 2))])
+
+    def run_residuals(self, at) -> np.ndarray:
+        """Return the residuals of the runs with the offsets of a point, (runs, points)."""
+        return np.array([self.runs.residuals(at, rows) for rows in self.rows])
+
+    def residuals(self, at) -> np.ndarray:
+        """Return the residuals at a point."""
+        return self.terms_at(at) @ self.inverse @ self.run_residuals(at) + self.correction
+
+    def scatter(self, at) -> np.ndarray:
+        """Return errors of the residuals at a point by the scatter of runs, (runs, points), whose squares add up. A
+        finer run that corrects the residuals scatters as much as one of the runs."""
+        found, weights = self.run_residuals(at), self.terms_at(at) @ self.inverse
+        freedom = max(len(self.terms) - np.linalg.matrix_rank(self.inverse), 1)  # degrees of it
+        factor = (weights @ weights + bool(np.ndim(self.correction))) / freedom
+        return (found - self.terms @ self.inverse @ found) * np.sqrt(factor)
 
 
 def initial_values(scene: str, free: list[str], settings: dict) -> dict[str, float]:
@@ -192,26 +175,24 @@ def initial_values(scene: str, free: list[str], settings: dict) -> dict[str, flo
     own = catalogue.build(scene, **settings).material
     initial = {name: settings.get(name, getattr(own, name, defaults[name])) for name in free}
     law = catalogue.build(scene, **settings | initial).material
+    known = numbers_of(type(law))
     for name in free:
-        known = numbers_of(type(law))
         require(name in known, f"free = {name}: the law {type(law).__name__} has only {', '.join(known)}")
         initial[name] = value = getattr(law, name)
-        require(
-            isinstance(value, float) and value > 0.0, f"{name} = {value}: is where the search begins; must be above 0"
-        )
+        is_positive = isinstance(value, float) and value > 0.0
+        require(is_positive, f"{name} = {value}: is where the search begins; must be above 0")
     return initial
 
 
 def log_bounds(initial: dict, fields) -> np.ndarray:
     """Return the bounds of the constants, logarithms over their initial values, (2, constants)."""
-    ends = []
-    for name, value in initial.items():
-        low, high = (
-            [bound for note in notes(fields[name]) for mark in marks if (bound := getattr(note, mark, None))]
-            for marks in (("ge", "gt"), ("le", "lt"))
-        )
-        ends.append(np.log([max([*low, value / SEARCH_FACTOR]) / value, min([*high, value * SEARCH_FACTOR]) / value]))
-    return np.array(ends).T
+
+    def limits(name, *marks):
+        return [getattr(note, mark) for note in notes(fields[name]) for mark in marks if getattr(note, mark, None)]
+
+    low = [max([*limits(name, "ge", "gt"), value / SEARCH_FACTOR]) / value for name, value in initial.items()]
+    high = [min([*limits(name, "le", "lt"), value * SEARCH_FACTOR]) / value for name, value in initial.items()]
+    return np.log([low, high])
 
 
 def calibrate_curves(
@@ -228,59 +209,72 @@ def calibrate_curves(
     initial = initial_values(scene, [name for name in names if name != OFFSET], settings)
     require(initial, f"free = {free}: must be a constant of the law or more, such as yield_value,plastic_viscosity")
     function, built = catalogue.load(scene), catalogue.build(scene, **settings | initial)
-    curves = read_curve_files(curve, function.parameters.model_fields, measures_of(built))
-    for test in dict.fromkeys(curve.test for curve in curves):
-        both = sorted(test.settings.keys() & {*settings, *initial, "until"})
-        require(not both, f"curve = {test.name}: {''.join(both[:1])} is a column of it; must not be given, too")
-        domain = catalogue.build(scene, **settings | initial | test.settings).domain
-        room = 4.0 * np.ptp(domain, axis=0).max()  # beyond it a unit is missing
-        for each in (each for each in curves if each.test is test and unit_by_name(each.measure) == "m"):
-            largest, where = np.abs(each.values).max(), f"curve = {test.name}: {each.measure}"
-            require(
-                largest <= room, f"{where} = {largest:g} m: must be at most {room:.2g} m, or have a unit, as in [cm]"
-            )
+    keywords, measures = function.parameters.model_fields, measures_of(built)
+    curves = [found for path in curve.split(",") for found in read_curves(Path(path.strip()), keywords, measures)]
+    points = sum(len(found.values) for found in curves)
+    require(points >= 5, f"curve = {curve}: holds {points} points; must be at least 5")
+    for each in curves:
+        where, given = f"curve = {each.test.name}: ", each.test.settings
+        both = sorted(given.keys() & {*settings, *initial, "until"})
+        require(not both, f"{where}{''.join(both[:1])} is a column of it; must not be given, too")
+        room = 4.0 * np.ptp(catalogue.build(scene, **settings | initial | given).domain, axis=0).max()
+        largest = np.abs(each.values).max() * (unit_by_name(each.measure) == "m")  # beyond room a unit is missing
+        allowed = f"must be at most {room:.2g} m, or have a unit, as in [cm]"
+        require(largest <= room, f"{where}{each.measure} = {largest:g} m: {allowed}")
     folder, report, spacing = out or Path("studies") / f"calibrate-{built.name}", watch or str, built.spacing
-    ends = log_bounds(initial, type(built.material).model_fields)
-    coarser = COARSENING if finer else 1.0
-    runs = RunLeastSquares(scene, curves, settings, initial, ends, OFFSET in names, coarser * spacing)
-    points, unknowns = runs.curve_ends[-1], runs.bounds.shape[1]
+    coarse = COARSENING * spacing if finer else spacing
+    runs = Runs(scene, curves, settings, initial, OFFSET in names, coarse, folder)
+    offsets = np.outer([-10.0 * MAX_OFFSET, 10.0 * MAX_OFFSET], np.ones(len(runs.shifted)))
+    bounds = np.hstack([log_bounds(initial, type(built.material).model_fields), offsets])
+    unknowns = bounds.shape[1]
     require(points > unknowns, f"free = {free}: {unknowns} numbers; must be fewer than the measured points, {points}")
     start, _ = executor_of(executor, workers)
     with start() as runs.pool:
-        runs.folder = folder
         if watch:
-            likely = len(runs.tests) * (START_ITERATIONS + 7 * (1 + 2 * len(initial)))
-            cases = [runs.case(test, np.zeros(len(initial)), runs.spacing) for test in runs.tests]
+            likely = len(runs.tests) * (len(START_FACTORS) + 6 * (1 + 2 * len(initial)))
+            cases = [runs.case(test, np.zeros(unknowns), coarse) for test in runs.tests]
             duration = in_time(wall_time(cases, workers or os.cpu_count() or 1, likely))
             finely = f", besides {3 * len(runs.tests)} at {spacing:g} m" * finer
-            report(f"some {likely} runs at a spacing of {runs.spacing:g} m, about {duration}{finely}")
+            report(f"some {likely} runs at a spacing of {coarse:g} m, about {duration}{finely}")
+        return fit_result(runs, built.material, spacing, bounds, *search(runs, spacing, bounds, report))
 
-        def logged_residuals(at):
-            try:
-                found = runs.residuals(at)
-            except SceneError as failure:
-                report(str(failure))
-                return np.full(points, FAILED_RESIDUAL)
-            error = RELATIVE_ERROR * np.sqrt(np.mean(found**2))
+
+def search(runs: Runs, spacing, bounds, report) -> tuple[np.ndarray, Surface, np.ndarray, np.ndarray]:
+    """Return the best point within bounds, (2, unknowns), by coarse runs, corrected by finer ones of a ``spacing`` [m],
+    the regression near it, and derivatives of the residuals: by the regression, (points, unknowns), and to both sides
+    between runs, (2, points, unknowns). ``report`` is called with lines of progress."""
+    from scipy.optimize import least_squares
+
+    count, scaled = len(runs.initial), [name != "flow_index" for name in runs.initial] + [False] * len(runs.shifted)
+    starts = np.clip(np.outer(np.log(START_FACTORS), scaled), *bounds)
+    runs.compute(starts, runs.coarse)
+    at, _ = min(runs.done.values(), key=lambda run: np.sum(runs.residuals(*run) ** 2), default=(starts[0], None))
+    are_constants = np.arange(len(at)) < count
+    steps = np.diag(np.where(are_constants, RUN_STEP, DIFFERENCE_STEP))
+    for is_corrected, most, reach in ((False, MAX_ITERATIONS, 2.0), (runs.coarse > spacing, MAX_CORRECTIONS, 1.0)):
+        last = np.inf
+        for _ in range(most):
+            centre, around = at, np.clip([at - steps, at + steps], *bounds)
+            points = [at, *np.concatenate(around)]
+            rows = runs.compute(points, runs.coarse)
+            here, *others = (runs.residuals(*pair) for pair in zip(points, rows, strict=True))
+            sides = (np.reshape(others, (2, len(at), -1)) - here) / (around - at).sum(2)[..., None]
+            runs.require_reached(at, here)
+            surface = Surface(runs, at)
+            if is_corrected:
+                surface.correction = runs.residuals(at, runs.compute([at], spacing)[0]) - surface.residuals(at)
+            before, reaches = np.sum(surface.residuals(at) ** 2), np.where(are_constants, reach * RUN_STEP, np.inf)
+            found = least_squares(surface.residuals, at, bounds=np.clip([at - reaches, at + reaches], *bounds))
+            at, error = found.x, RELATIVE_ERROR * np.sqrt(np.mean(found.fun**2))
             report(f"{len(runs.planned)} runs, {runs.seconds:.1f} s each: {runs.describe(at)}: misses by {error:.2%}")
-            return found
-
-        at = np.clip(runs.initial_guess(), *(0.999 * runs.bounds))
-        at = runs.solve(at, logged_residuals, jac=runs.slopes, xtol=TOLERANCE, ftol=0.01, max_nfev=MAX_ITERATIONS).x
-        for corrected in (finer, finer, False):
-            centre, side_slopes = at, runs.one_sided_slopes(at)
-            if corrected:
-                runs.correction = 0.0
-                runs.correction = runs.residuals_at(at, spacing) - Surface(runs, at).residuals(at)
-            at, slopes = Surface(runs, at).best()
-            logged_residuals(at)
-            if np.abs(at - centre)[: len(initial)].max() < 0.4 * TOLERANCE:
+            is_stalled = 2.0 * found.cost > 0.99 * before or abs(before - last) < 0.03 * last
+            if np.abs(at - centre)[:count].max() < TOLERANCE or is_stalled:
                 break
-        runs.require_reached(at)
-        return fit_result(runs, at, slopes, side_slopes, built.material, spacing)
+            last = before
+    return at, surface, found.jac, np.swapaxes(sides, 1, 2)
 
 
-def fit_result(runs: RunLeastSquares, at, slopes, side_slopes, material, spacing) -> CurveFit:
+def fit_result(runs: Runs, material, spacing, bounds, at, surface: Surface, slopes, side_slopes) -> CurveFit:
     """Return the result at a point, with intervals by the slopes, the residuals there and the scatter of the runs.
 
     The residuals of a curve are correlated: their variance is scaled by (1 + r)/(1 - r), r the correlation of
@@ -289,38 +283,43 @@ def fit_result(runs: RunLeastSquares, at, slopes, side_slopes, material, spacing
     """
     from scipy.stats import t
 
-    residuals, model, count = runs.residuals_at(at, spacing), runs.model(at, spacing), len(runs.initial)
-    sum_of_squares = max(float(residuals @ residuals), 1e-12)
-    correlation = sum(float(part[1:] @ part[:-1]) for part in runs.split_by_curve(residuals)) / sum_of_squares
-    degrees_of_freedom, correlation = len(residuals) - len(at), min(max(correlation, 0.0), 0.9)
+    count, (rows,) = len(runs.initial), runs.compute([at], spacing)
+    residuals = runs.residuals(at, rows)
+    runs.require_reached(at, residuals)
+    sum_of_squares, degrees_of_freedom = max(float(residuals @ residuals), 1e-12), len(residuals) - len(at)
+    products = sum(float(part[1:] @ part[:-1]) for part in np.split(residuals, runs.curve_ends))
+    correlation = np.clip(products / sum_of_squares, 0.0, 0.9)
     error = np.sqrt(sum_of_squares / degrees_of_freedom * (1.0 + correlation) / (1.0 - correlation))
-    quantile, noise, ends = t.ppf(0.975, degrees_of_freedom), Surface(runs, at).scatter(at) / error, []
+    slopes, sides, noise = slopes / error, side_slopes / error, surface.scatter(at) / error
+    prior = prior_of(bounds)
 
     def covariance(slopes):
-        spread = runs.covariance(slopes / error)
-        shifts = spread @ slopes.T @ noise.T / error  # of the best point, by the scatter of runs
+        spread = np.linalg.inv(prior + slopes.T @ slopes)
+        shifts = spread @ slopes.T @ noise.T  # of the best point, by the scatter of runs
         return spread + shifts @ shifts.T
 
-    for sign, side in zip((-1.0, 1.0), side_slopes, strict=True):
-        flattest = np.where(np.linalg.norm(side, axis=0) < np.linalg.norm(slopes, axis=0), side, slopes)
-        precision = 1.0 / np.diag(covariance(flattest)) - np.diag(runs.prior)
-        ends.append(at + sign * quantile / np.sqrt(np.maximum(precision, 0.01 * np.diag(runs.prior))))
-    constants, spread = runs.constants(at, np.transpose(ends)), covariance(slopes) * quantile**2
-    half_widths, parts = np.sqrt(np.diag(spread)), runs.split_by_curve(slopes / error)
-    curves, names = [], [f"{title(curve.measure)} of {curve.test.name}" for curve in runs.curves]
-    for curve, values in zip(runs.curves, model, strict=True):
-        facts = {"name": curve.test.name, "settings": curve.test.settings, "measure": curve.measure}
-        arrays = {"times": curve.times, "measured": curve.values, "model": values}
-        curves.append(facts | {name: array.tolist() for name, array in arrays.items()})
-    spent = [row.get(name) or 0.0 for row in runs.rows.values() for name in ("cpu_seconds", "compile_seconds")]
+    flattest = np.where(np.linalg.norm(sides, axis=1, keepdims=True) < np.linalg.norm(slopes, axis=0), sides, slopes)
+    least, quantile = np.diag(prior), t.ppf(0.975, degrees_of_freedom)
+    precisions = np.array([1.0 / np.diag(covariance(side)) - least for side in flattest])
+    ends = at + quantile / np.sqrt(np.maximum(precisions, 0.01 * least)) * [[-1.0], [1.0]]
+    constants = constants_of(runs.initial, at[:count], ends[:, :count], bounds[:, :count])
+    spread, parts = quantile**2 * covariance(slopes), np.split(slopes, runs.curve_ends)
+    offsets, widths = runs.offsets(at), runs.offsets(np.sqrt(np.diag(spread)))
+    names = [f"{title(curve.measure)} of {curve.test.name}" for curve in runs.curves]
     return CurveFit(
         scene=runs.scene,
         material=material.model_copy(update={name: it.value for name, it in constants.items()}),
         constants=constants,
-        offsets={test.name: (runs.offset(at, test), runs.offset(half_widths, test)) for test in runs.offset_columns},
+        offsets={test.name: (offset, widths[test]) for test, offset in offsets.items()},
         spread=spread[:count, :count],
-        curves=curves,
-        worth=dict(zip(names, runs.worth(parts), strict=True)) if len(parts) > 1 else {},
+        curves=[
+            {"name": curve.test.name, "settings": curve.test.settings, "measure": curve.measure}
+            | {"times": curve.times.tolist(), "measured": curve.values.tolist(), "model": model.tolist()}
+            for curve, model in zip(runs.curves, runs.model(residuals), strict=True)
+        ],
+        worth=dict(zip(names, worth_of(runs.initial, prior, parts), strict=True)) if len(parts) > 1 else {},
         runs=len(runs.planned),
-        cpu_seconds=sum(spent),
+        cpu_seconds=sum(
+            row.get(name) or 0.0 for row in runs.rows.values() for name in ("cpu_seconds", "compile_seconds")
+        ),
     )

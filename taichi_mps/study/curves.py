@@ -3,7 +3,6 @@ their fit: the constants of a law with intervals, its flow curve, and what is de
 
 import warnings
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -110,14 +109,6 @@ def parse_cell(cell: str, unit: str, si_unit: str, where: str) -> float:
         raise SceneError(f"{where} = {cell}: must be a number{f' [{si_unit}]' * bool(si_unit)}") from None
 
 
-def read_curve_files(paths: str, keywords: dict, measures) -> list[Curve]:
-    """Read the curves of files separated by commas; SceneError for fewer than five points in all."""
-    curves = [curve for path in paths.split(",") for curve in read_curves(Path(path.strip()), keywords, measures)]
-    points = sum(len(curve.values) for curve in curves)
-    require(points >= 5, f"curve = {paths}: holds {points} points; must be at least 5")
-    return curves
-
-
 def measures_of(scene) -> list[str]:
     """Return the names of a scene's measures known before a run; all of RESULTS where there are none."""
     found = scene.measure(scene.unfold(still(scene.initial, scene.spacing))) if scene.measure else {}
@@ -147,42 +138,38 @@ class CurveFit(FittedConstants):
         """Root mean square of model - measured over the largest measured value, by measure [-]."""
         found = {}
         for name in {each["measure"]: None for each in self.curves}:
-            pairs = [(each["model"], each["measured"]) for each in self.curves if each["measure"] == name]
-            model, measured = (np.concatenate(values) for values in zip(*pairs, strict=True))
+            model, measured = (
+                np.concatenate([each[of] for each in self.curves if each["measure"] == name])
+                for of in ("model", "measured")
+            )
             found[name] = float(np.sqrt(np.nanmean((model - measured) ** 2)) / (np.nanmax(np.abs(measured)) or 1.0))
         return found
 
     def flow_curve(self, rates=SHEAR_RATES) -> tuple[np.ndarray, np.ndarray]:
         """Return shear stresses [Pa] at shear rates [1/s], and the factors of their 95 % intervals."""
 
-        def stress(**changed):
-            law = self.material.model_copy(update=changed)
-            return np.array([law.shear_stress(float(rate), 0.0) for rate in rates])
-
-        slopes = []
-        for name, it in self.constants.items():
-            up, down = (np.log(stress(**{name: it.value * np.exp(step)})) for step in (0.01, -0.01))
-            slopes.append((up - down) / 0.02)
-        return stress(), np.exp(np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.spread, slopes)))
+        changes = [{name: it.value * np.exp(by)} for name, it in self.constants.items() for by in (0.01, -0.01)]
+        laws = [self.material, *(self.material.model_copy(update=change) for change in changes)]
+        stress, *changed = np.array([[law.shear_stress(float(rate), 0.0) for rate in rates] for law in laws])
+        slopes = (np.log(changed[::2]) - np.log(changed[1::2])) / 0.02
+        return stress, np.exp(np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.spread, slopes)))
 
     def determined(self) -> str:
         """Format in sentences which constants the curves determine."""
-        errors = {name: float(np.sqrt(self.spread[k, k])) for k, name in enumerate(self.constants)}
-        known = [f"{in_words(name)} to {percent(errors[name])}" for name, it in self.constants.items() if it.determined]
+        errors = dict(zip(self.constants, map(percent, np.sqrt(np.diag(self.spread))), strict=True))
+        known = [f"{in_words(name)} to {errors[name]}" for name, it in self.constants.items() if it.determined]
         others = [in_words(name) for name, it in self.constants.items() if not it.determined]
-        stress, factor = self.flow_curve()
-        best = int(np.argmin(factor))
         sentences = [f"The curves determine the {' and the '.join(known)}."] * bool(known)
         sentences += [f"They do not determine the {' and the '.join(others)}."] * bool(others)
-        at, error = f"{SHEAR_RATES[best]:.2g} 1/s, {rounded(stress[best])} Pa", percent(np.log(factor[best]))
-        return " ".join([*sentences, f"The shear stress is known best at {at}, to {error}."])
+        rate, stress, factor = min(zip(SHEAR_RATES, *self.flow_curve(), strict=True), key=lambda point: point[2])
+        best = f"{rate:.2g} 1/s, {rounded(stress)} Pa, to {percent(np.log(factor))}"
+        return " ".join([*sentences, f"The shear stress is known best at {best}."])
 
     def facts(self) -> dict:
         """Return all results, JSON-ready."""
-        stress, factor = self.flow_curve()
-        flow = {"shear_rate_1_s": SHEAR_RATES, "shear_stress_Pa": stress, "factor": factor}
+        flow = zip(("shear_rate_1_s", "shear_stress_Pa", "factor"), (SHEAR_RATES, *self.flow_curve()), strict=True)
         facts = {"material": self.material.facts(), "missed": self.missed, "spread": self.spread.tolist()}
-        return super().facts() | facts | {"flow_curve": {name: values.tolist() for name, values in flow.items()}}
+        return super().facts() | facts | {"flow_curve": {name: values.tolist() for name, values in flow}}
 
     def __str__(self):
         lines, offsets = self.constant_lines(), self.offsets.items()
