@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-__version__ = "0.2.0"
+__version__ = "0.3.0.dev0"
 
 # What is public, by module. Loaded at first use: --help is instant, and Ctrl-C is heard before anything large is read.
 _PUBLIC = {

@@ -24,7 +24,7 @@ def main(argv=None) -> int:
     --------
     >>> import taichi_mps as mps
     >>> mps.main(["--version"]) == 0
-    0.2.0
+    0.3.0.dev0
     True
     """
     from .app.command import app
