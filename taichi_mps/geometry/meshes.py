@@ -186,7 +186,7 @@ def extend_upwards(points, triangles, height, depth):
 
 @validated
 def write_bars(path: File, ends: array("m", (None, 2, 3)), radius: Size, sides: Sides = 12) -> Path:
-    """Write round bars as a triangle mesh of closed bodies, which ``Solid.from_mesh`` unites where they overlap.
+    """Write round bars as a triangle mesh of closed bodies; ``Solid.from_mesh`` reads them also where they overlap.
 
     Parameters
     ----------
