@@ -17,8 +17,8 @@ Sides = Annotated[Count, Field(ge=3, le=1000)]
 MAX_LENGTH_IN_REACHES = 500.0  # a mesh longer than this times the grid's ``reach`` is in millimetres; a scene has 100
 MAX_GAP = 0.01  # distance from an open edge at which the winding number is looked at, over the size, at most
 MAX_FRACTION = 0.1  # of a winding number that is whole; libigl's fast one is within 0.01
-# unit vectors to where it is looked at, to all sides and in no face that is likely
-BESIDE = np.sqrt([0.2, 0.3, 0.5]) * np.array([[[1, 1, 1]], [[1, -1, -1]], [[-1, 1, -1]], [[-1, -1, 1]]])
+# unit vectors (8, 1, 3) to where it is looked at, one in each octant and in no face that is likely
+BESIDE = np.sqrt([0.2, 0.3, 0.5]) * (2 * np.indices((2, 2, 2)).reshape(3, 8).T[:, None] - 1)
 ROUNDING = 1e-6  # distance over the size within which a point is on the surface; libigl's winding number has 32 bits
 
 
@@ -186,7 +186,7 @@ def extend_upwards(points, triangles, height, depth):
 
 @validated
 def write_bars(path: File, ends: array("m", (None, 2, 3)), radius: Size, sides: Sides = 12) -> Path:
-    """Write round bars as a triangle mesh of closed bodies, which ``Solid.from_mesh`` unites where they overlap.
+    """Write round bars as a triangle mesh of closed bodies; ``Solid.from_mesh`` reads them also where they overlap.
 
     Parameters
     ----------

@@ -293,7 +293,13 @@ class Solid(Moving):
         Raises
         ------
         SceneError
-            If the file is missing, damaged, not closed, or longer than 100 m.
+            If the file is missing, damaged, not closed, or longer than 100 m, or a body holds no node.
+
+        Notes
+        -----
+        Inside is where the surface goes round a node: where the winding number is 1 or more, or -1 of a body inside
+        out. Bodies may touch and overlap. Outside of them the distance is that of their union; inside, the depth may be
+        that below a face between two of them. With the fluid inside, the bodies are united by manifold3d.
         """
         points, triangles = read_mesh(
             path, scale, min(100.0, MAX_LENGTH_IN_REACHES * reach), body, tolerance=0.1 * cell

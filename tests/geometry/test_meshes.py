@@ -132,7 +132,7 @@ def test_a_mesh_is_open_where_its_hole_is_wider_than_a_gap(tmp_path, share, foun
         meshio.write(path, meshio.Mesh(triangles.reshape(-1, 3), [("triangle", rows)]))
     if found:
         with pytest.raises(
-            mps.SceneError, match=rf"{path.name}: 4 of its edges .*, the first at \(0\.\d+, 0\.\d+, 1\) m"
+            mps.SceneError, match=rf"{path.name}: [1-4] of its edges .*, the first at \(0\.\d+, 0\.\d+, 1\) m"
         ):
             read_mesh(path, tolerance=1.0)
     else:
