@@ -40,10 +40,8 @@ def run() -> None:
             sim = mps.Simulation(replace(scene, walls=(replace(scene.walls[0], **held),), until=20.0))
             sim.run()
             measures = sim.measures()
-            rows.append(
-                {"yield_value": tau, "slump_mm": 1e3 * measures["slump_m"], "flow_mm": 1e3 * measures["spread_m"]}
-            )
-            rows[-1]["stopped_by"] = sim.stopped_by
+            ends = {"slump_mm": 1e3 * measures["slump_m"], "flow_mm": 1e3 * measures["spread_m"]}
+            rows.append({"yield_value": tau, **ends, "stopped_by": sim.stopped_by})
             print(plate, rows[-1], flush=True)
     points.save("concretes", found)
 

@@ -105,3 +105,14 @@ def pyplot():
     import matplotlib.pyplot as plt
 
     return plt
+
+
+def set_log_ticks(axis) -> None:
+    """Ticks at 1, 2 and 5 times powers of ten on both logarithmic sides; beyond five decades at the powers only."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for side in (axis.xaxis, axis.yaxis):
+        low, high = side.get_view_interval()
+        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e5 * low else (1.0,)))
+        side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        side.set_minor_formatter(NullFormatter())

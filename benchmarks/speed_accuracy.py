@@ -22,7 +22,8 @@ import points
 
 import taichi_mps as mps
 from taichi_mps.problem import catalogue
-from taichi_mps.terms.constants import longest_step
+from taichi_mps.problem.problem import Problem
+from taichi_mps.simulation.forecast import own_step
 from validation import flows, fluids, provenance, slumps, with_wall_particles
 
 LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM = "literal", "semi-implicit", "bi-viscosity", "implicit"
@@ -111,11 +112,7 @@ def numerics_of(scheme, step, scene):
         return mps.SemiImplicit(literal=scheme == LITERAL, **bounds)
     if step == 1.0:
         return mps.Implicit()
-    mix = scene.material
-    height = float(np.ptp(scene.fluid[:, -1])) + scene.spacing
-    gravity = float(np.linalg.norm(scene.gravity_vector))
-    longest = longest_step(mix.plastic_viscosity / mix.density, gravity, height, scene.spacing)
-    return mps.Implicit(courant_number=0.2 * step, max_time_step=min(1.0, step) * longest)
+    return mps.Implicit(courant_number=0.2 * step, max_time_step=min(1.0, step) * own_step(Problem(scene)))
 
 
 def point(flow, scheme, size, step, budget=None) -> dict:
@@ -194,8 +191,6 @@ def label(item) -> str:
 
 
 def draw_flow(flow, found) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     plt, (title, unit, *_) = points.pyplot(), FLOWS[flow]
     done = [item for item in found if item["error"] is not None]
     figure, axis = plt.subplots(figsize=(7.2, 5.0), layout="constrained")
@@ -225,11 +220,7 @@ def draw_flow(flow, found) -> None:
     axis.set_ylim(0.7 * min(item["error"] for item in done), 1.9 * top)
     axis.set_xlim(left=0.25 * min(item["cpu_seconds"] for item in done))
     axis.grid(alpha=0.3, which="both", lw=0.5)
-    for side in (axis.xaxis, axis.yaxis):
-        low, high = side.get_view_interval()
-        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e5 * low else (1.0,)))
-        side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        side.set_minor_formatter(NullFormatter())
+    points.set_log_ticks(axis)
     figure.legend(fontsize=7.5, loc="outside lower center", ncols=2, frameon=False)
     figure.savefig(points.FIGURES / f"speed_accuracy_{flow}.png", dpi=110)
     plt.close(figure)

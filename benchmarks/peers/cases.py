@@ -84,11 +84,9 @@ class Case:
         }
 
 
-def newton(voxel: float, **settings) -> Run:
-    """Voxels of so many spacings; the step is 5 ms unless given."""
-    settings = {"voxel": voxel, "dt": 0.005} | settings
-    extra = "".join(f", {value}" for key, value in settings.items() if key not in ("voxel", "dt"))
-    return Run("newton", f"Newton, voxel {voxel:g} l0, dt {1e3 * settings['dt']:g} ms{extra}", settings)
+def newton(voxel: float, dt: float = 0.005) -> Run:
+    """Voxels of so many spacings; step [s]."""
+    return Run("newton", f"Newton, voxel {voxel:g} l0, dt {1e3 * dt:g} ms", {"voxel": voxel, "dt": dt})
 
 
 def openfoam(rate: float, max_dt: float) -> Run:

@@ -94,8 +94,6 @@ def panels(results: list[dict]) -> dict[str, list[tuple[str, dict]]]:
 def chart(found: dict[str, list[tuple[str, dict]]], key: str, unit: float, what: str, name: str) -> None:
     """The error ``key`` of a row, in this unit and with its scatter, against its CPU seconds for a second, both
     logarithmic, one panel for each problem."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     plt = points.pyplot()
 
     def error(row):
@@ -115,10 +113,7 @@ def chart(found: dict[str, list[tuple[str, dict]]], key: str, unit: float, what:
         axis.set_title(title, fontsize=9)
         axis.set(xlabel="CPU seconds for 1 s", ylabel=what)
         axis.grid(alpha=0.3, which="both")
-        for line in (axis.xaxis, axis.yaxis):
-            line.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            line.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            line.set_minor_formatter(NullFormatter())
+        points.set_log_ticks(axis)
     low, high = axes[0, 0].get_xlim()
     axes[0, 0].set_xlim(low, 4.0 * high)  # room for the names
     low, high = axes[0, 0].get_ylim()

@@ -60,17 +60,6 @@ def simulate(case: dict) -> dict:
     model.mpm.collider_adhesion.fill_(1e6)
     config = SolverImplicitMPM.Config()
     config.voxel_size = settings["voxel"] * spacing
-    for key in (
-        "tolerance",
-        "max_iterations",
-        "strain_basis",
-        "velocity_basis",
-        "solver",
-        "transfer_scheme",
-        "integration_scheme",
-    ):
-        if key in settings:
-            setattr(config, key, settings[key])
     solver = SolverImplicitMPM(model, config=config)
     now, following = model.state(), model.state()
     dt, speed = settings["dt"], case["lift_speed"]

@@ -12,7 +12,6 @@ cells is where alpha = 0.5; slump is the mean over r < 20 mm, spread that of the
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -179,12 +178,11 @@ def measured(alpha: np.ndarray, cell: float, height: float, radius: float = 0.02
 
 def simulate(case: dict) -> dict:
     """Slump and spread [m] at the written times, and what interFoam cost."""
-    folder = Path(tempfile.mkdtemp(prefix="openfoam_"))
-    quiet = {"cwd": folder, "stdout": subprocess.DEVNULL, "check": True}
     environment = os.environ | {"WM_PROJECT_DIR": os.environ.get("WM_PROJECT_DIR", "/usr/share/openfoam")}
-    try:
+    with tempfile.TemporaryDirectory(prefix="openfoam_") as name:
+        folder = Path(name)
         nr, nz = write(case, folder)
-        subprocess.run(["blockMesh"], env=environment, **quiet)
+        subprocess.run(["blockMesh"], cwd=folder, env=environment, stdout=subprocess.DEVNULL, check=True)
         with open(folder / "log", "w", encoding="utf-8") as log:
             child = subprocess.Popen(["interFoam"], cwd=folder, stdout=log, stderr=log, env=environment)
             _, status, usage = os.wait4(child.pid, 0)
@@ -194,9 +192,6 @@ def simulate(case: dict) -> dict:
         cell = RADIUS / nr
         times = sorted((p for p in folder.iterdir() if re.fullmatch(r"[\d.]+", p.name)), key=lambda p: float(p.name))
         fields = [read_alpha((p / "alpha.concrete").read_text(encoding="utf-8"), nr, nz) for p in times]
-    finally:
-        if not case["settings"].get("keep"):
-            shutil.rmtree(folder, ignore_errors=True)
     slumps = [measured(field, cell, case["height"]) for field in fields]
     r = (np.arange(nr) + 0.5) * cell
     volume = [float((field * r).sum()) for field in fields]
