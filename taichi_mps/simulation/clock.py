@@ -2,9 +2,9 @@
 
 Before: what the parts take on one core of an AMD EPYC, the flow by ``forecast.cost_of``, all times the slowness of this
 machine, known from what the import of the program took. While it goes on: what is left of the flow by what its steps
-took so far; the first few count beside the forecast. How much of a flow is done is told by its steps, or of a pour,
-whose steps become dearer, by the cost up to this time. Steps that are left are those told, less those taken, until the
-flow decays; then the geometric mean of these and of the steps of that decay.
+took so far, the more the more of it is done. How much of a flow is done is told by its steps, or of a pour, whose steps
+become dearer, by the cost up to this time. Steps that are left are those told, less those taken, until the flow decays;
+then the geometric mean of these and of the steps of that decay, as with the steps to a time limit before rest.
 """
 
 import math
@@ -20,7 +20,7 @@ from .forecast import cost_of, own_step, particles_of
 
 PARTS = "start", "ready", "flow", "pictures", "report"  # of a run, one after the other
 START, REPORT = 1.0, 0.5  # [s]: Python, Taichi and the scene; the page, of a small body
-IMPORT = 0.35  # [s] of the processor, of START: import of the command line, without Taichi
+IMPORT = 0.32  # [s] of the processor, of START, for the import of the command line: inferred from runs on an Intel Xeon
 MAX_SLOWNESS = 4.0  # of a machine; beyond it the process has done more than import the command line
 READY = {False: 2.0, True: 2.3}  # [s] of the first step, in space or not, with kernels compiled before
 # [s] of the first step with kernels compiled anew, and more for each wall; in space or not, optimised or not
@@ -33,7 +33,7 @@ COMPILING = {
 ROW = 4e-3  # [s] of the measures and the row of a step
 PICTURE, FILM = 0.17, 0.3  # [s] of a picture, of animation and curves
 TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
-TRUSTED = 5.0  # steps of a flow that tell as much about it as the forecast
+TRUSTED = 0.05  # share of a flow that tells as much about it as the forecast
 REMAINING_SHARE = 0.1  # share of the time or the steps taken that is still expected where too little was told
 MIN_INTERVAL = 0.1  # [s] between two answers
 
@@ -108,8 +108,7 @@ class Clock:
         taken = sim.steps - self.first[0]
         if self.part == "flow" and taken:
             done = share_done(sim, self.cost, *self.first)
-            told = expected + taken / (taken + TRUSTED) * (here / done - expected)
-            left += (1.0 - done) * told
+            left += (1.0 - done) * expected * (here / done / expected) ** (done / (done + TRUSTED))
         else:
             left += max(expected - here, REMAINING_SHARE * here)
         rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
@@ -138,7 +137,7 @@ def steps_left(sim, cost) -> float:
     forecast = max(cost.steps - sim.steps, REMAINING_SHARE * sim.steps)
     end = min(until, sim.rest.expected(sim) or until) if sim.problem.rests and sim.scene.stop_at_rest else until
     if fold <= 0.0:
-        return min(forecast, max(1.0, (until - now) / dt)) if end < until else forecast
+        return math.sqrt(forecast * max(1.0, (until - now) / dt)) if cost.end >= until else forecast
     longest = max(dt, own_step(sim.problem, quiet=True), CREEP * fold)
     growing = min(max(end - now, 0.0), fold * math.log(longest / dt))
     decay = fold / dt * -math.expm1(-growing / fold) + (max(end - now, 0.0) - growing) / longest
