@@ -38,7 +38,7 @@ from taichi_mps.viz import plots, render
 from tests.support.recorded import recorded
 from tests.support.scenes import hose, parts
 
-LONGEST = 60.0  # CPU-seconds of a call: the refined slump of calibrate takes a quarter of that
+LONGEST = 60.0  # CPU-seconds of a call: the refined slump of calibrate takes a tenth of that
 BUSY = 20.0  # seconds of a busy machine that may pass in a CPU-second of a call
 NAN, INF = math.nan, math.inf
 

@@ -71,14 +71,14 @@ def test_nodes_of_a_spray_for_which_there_is_no_room_are_left_out():
 
 
 def test_levels_change_the_iterations_and_not_the_answer(small):
-    """Multigrid gives the solution of Jacobi in a tenth of the iterations, and 16 times as many particles need at most
-    1.3 times as many."""
+    """Multigrid gives the solution of Jacobi in a tenth of the iterations, and 16 times as many particles need more of
+    them by the ratio of the numbers of grids at most, 6 to 4: each adds no more than its own error."""
     large = made(96)
     plain, many = solved(large[0], None, 96)
     coarse, few = solved(*large, 96)
     np.testing.assert_allclose(coarse, plain, atol=1e-6 * np.abs(plain).max())
     assert few.iterations < 0.1 * many.iterations
-    assert few.iterations <= 1.3 * solved(*small, 24)[1].iterations
+    assert few.iterations <= large[1].grids / small[1].grids * solved(*small, 24)[1].iterations
 
 
 def test_with_few_rows_it_is_jacobi(small):

@@ -184,15 +184,15 @@ def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
         catalogue.build("still_pool", plastic_viscosity=50.0, density=2300.0), mps.SemiImplicit(**numerics)
     )
     errors, pressures = [], []
-    simulation.every(0.05, lambda s: errors.append(s.measures()["pressure_error"]))
-    simulation.every(0.05, lambda s: pressures.append(s.snapshot().p))
+    simulation.every(0.01, lambda s: errors.append(s.measures()["pressure_error"]))
+    simulation.every(0.01, lambda s: pressures.append(s.snapshot().p))
     assert simulation.run(until=0.3) == "time"
     measures = simulation.measures()
-    if numerics:  # it fails: the noise is larger than the pressure
-        assert np.mean(errors[2:]) > 1.0, errors
+    if numerics:  # it fails: the noise becomes a multiple of the pressure
+        assert np.max(errors) > 5.0, errors
     p = np.concatenate(pressures)
     assert p.max() > 0.0 and (numerics or p.min() == 0.0)  # the default cuts negative ones off
-    assert np.median(errors[2:]) < pressure
+    assert np.median(errors[10:]) < pressure
     assert measures["max_speed_m_s"] < speed
     assert abs(measures["level_drift_m"]) < drift * L0
 
