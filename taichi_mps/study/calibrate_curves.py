@@ -38,6 +38,11 @@ def run_with_history(case: Case) -> dict:  # Slurm's workers import it by name
     return run(case, SAMPLES)
 
 
+def are_done(rows: dict) -> bool:
+    """Whether the runs of all tests at a point came to their end."""
+    return all(row["status"] == "done" for row in rows.values())
+
+
 class Runs:
     """Runs of a scene beside measured curves, kept in the folder of a study.
 
@@ -48,10 +53,11 @@ class Runs:
     """
 
     def __init__(
-        self, scene: str, curves: list[Curve], settings: dict, initial: dict, is_shifted: bool, coarse, folder
+        self, scene: str, curves: list[Curve], settings: dict, initial: dict, is_shifted: bool, coarse, folder, report
     ):
         self.scene, self.curves, self.settings, self.initial = scene, curves, settings, initial
-        self.coarse, self.folder, self.pool, self.seconds = coarse, folder, None, 0.0  # executor, wall time of a run
+        self.coarse, self.folder, self.report = coarse, folder, report  # called with lines of progress
+        self.pool, self.seconds = None, 0.0  # executor, wall time of a run
         self.tests = list(dict.fromkeys(curve.test for curve in curves))
         self.shifted = [test for test in self.tests if is_shifted and len(test.times)]
         self.curve_ends = np.cumsum([len(curve.values) for curve in curves])[:-1]  # in the residuals
@@ -85,10 +91,12 @@ class Runs:
         if new := len(self.planned) - before:
             rows = carry_out(list(self.planned.values()), self.folder, run_with_history, self.pool)
             self.rows, self.seconds = {row["key"]: row for row in rows}, (monotonic() - start) / new
+            for row in (row for row in rows[before:] if row["status"] != "done"):
+                self.report(f"a run {row['status']}: {row['reason']}")
         found = [{test: self.rows[each.key] for test, each in some.items()} for some in cases]
         if spacing == self.coarse:
-            done = {tuple(self.mix(at).values()): (at, rows) for at, rows in zip(points, found, strict=True)}
-            self.done |= {mix: run for mix, run in done.items() if all(r["status"] == "done" for r in run[1].values())}
+            runs = zip(points, found, strict=True)
+            self.done |= {tuple(self.mix(at).values()): (at, rows) for at, rows in runs if are_done(rows)}
         return found
 
     def residuals(self, at, rows) -> np.ndarray:
@@ -137,6 +145,7 @@ class Surface:
     def __init__(self, runs: Runs, centre):
         self.runs, self.centre, self.correction = runs, centre[: len(runs.initial)], 0.0
         near = [(at, rows) for at, rows in runs.done.values() if np.abs(self.distances(at)).max() <= RADIUS]
+        require(near, f"curve = {runs.tests[0].name}: every run near {runs.describe(centre)} failed")
         self.rows, self.terms = [rows for _, rows in near], np.array([self.terms_at(at) for at, _ in near])
         self.inverse = np.linalg.pinv(self.terms, rcond=1e-3)
 
@@ -170,8 +179,10 @@ def initial_values(scene: str, free: list[str], settings: dict) -> dict[str, flo
     """Return initial values of the free constants, as given or the law's; SceneError for what is no constant of it."""
     defaults = {name: number.default for law in reversed(LAWS) for name, number in numbers_of(law).items()}
     for name in free:
-        known = f"{suggestion(name, defaults)}; must be of {', '.join(defaults)}"
-        require(name in defaults, f"free = {name}: is no constant of a law{known}")
+        require(
+            name in defaults,
+            f"free = {name}: is no constant of a law{suggestion(name, defaults)}; must be of {', '.join(defaults)}",
+        )
     own = catalogue.build(scene, **settings).material
     initial = {name: settings.get(name, getattr(own, name, defaults[name])) for name in free}
     law = catalogue.build(scene, **settings | initial).material
@@ -179,20 +190,19 @@ def initial_values(scene: str, free: list[str], settings: dict) -> dict[str, flo
     for name in free:
         require(name in known, f"free = {name}: the law {type(law).__name__} has only {', '.join(known)}")
         initial[name] = value = getattr(law, name)
-        is_positive = isinstance(value, float) and value > 0.0
-        require(is_positive, f"{name} = {value}: is where the search begins; must be above 0")
+        require(
+            isinstance(value, float) and value > 0.0,
+            f"{name} = {value}: is where the search begins; must be above 0",
+        )
     return initial
 
 
 def log_bounds(initial: dict, fields) -> np.ndarray:
     """Return the bounds of the constants, logarithms over their initial values, (2, constants)."""
 
-    def limits(name, *marks):
-        return [getattr(note, mark) for note in notes(fields[name]) for mark in marks if getattr(note, mark, None)]
-
-    low = [max([*limits(name, "ge", "gt"), value / SEARCH_FACTOR]) / value for name, value in initial.items()]
-    high = [min([*limits(name, "le", "lt"), value * SEARCH_FACTOR]) / value for name, value in initial.items()]
-    return np.log([low, high])
+    marks = "ge", "gt", "le", "lt"  # each number has one of the first two and one of the others
+    found = [[getattr(it, m) for m in marks for it in notes(fields[name]) if hasattr(it, m)] for name in initial]
+    return np.log(np.clip(np.transpose(found) / list(initial.values()), 1.0 / SEARCH_FACTOR, SEARCH_FACTOR))
 
 
 def calibrate_curves(
@@ -219,11 +229,13 @@ def calibrate_curves(
         require(not both, f"{where}{''.join(both[:1])} is a column of it; must not be given, too")
         room = 4.0 * np.ptp(catalogue.build(scene, **settings | initial | given).domain, axis=0).max()
         largest = np.abs(each.values).max() * (unit_by_name(each.measure) == "m")  # beyond room a unit is missing
-        allowed = f"must be at most {room:.2g} m, or have a unit, as in [cm]"
-        require(largest <= room, f"{where}{each.measure} = {largest:g} m: {allowed}")
+        require(
+            largest <= room,
+            f"{where}{each.measure} = {largest:g} m: must be at most {room:.2g} m, or have a unit, as in [cm]",
+        )
     folder, report, spacing = out or Path("studies") / f"calibrate-{built.name}", watch or str, built.spacing
     coarse = COARSENING * spacing if finer else spacing
-    runs = Runs(scene, curves, settings, initial, OFFSET in names, coarse, folder)
+    runs = Runs(scene, curves, settings, initial, OFFSET in names, coarse, folder, report)
     offsets = np.outer([-10.0 * MAX_OFFSET, 10.0 * MAX_OFFSET], np.ones(len(runs.shifted)))
     bounds = np.hstack([log_bounds(initial, type(built.material).model_fields), offsets])
     unknowns = bounds.shape[1]
@@ -236,37 +248,39 @@ def calibrate_curves(
             duration = in_time(wall_time(cases, workers or os.cpu_count() or 1, likely))
             finely = f", besides {3 * len(runs.tests)} at {spacing:g} m" * finer
             report(f"some {likely} runs at a spacing of {coarse:g} m, about {duration}{finely}")
-        return fit_result(runs, built.material, spacing, bounds, *search(runs, spacing, bounds, report))
+        return fit_result(runs, built.material, spacing, bounds, *search(runs, spacing, bounds))
 
 
-def search(runs: Runs, spacing, bounds, report) -> tuple[np.ndarray, Surface, np.ndarray, np.ndarray]:
+def search(runs: Runs, spacing, bounds) -> tuple[np.ndarray, Surface, np.ndarray, np.ndarray]:
     """Return the best point within bounds, (2, unknowns), by coarse runs, corrected by finer ones of a ``spacing`` [m],
     the regression near it, and derivatives of the residuals: by the regression, (points, unknowns), and to both sides
-    between runs, (2, points, unknowns). ``report`` is called with lines of progress."""
+    between runs, (2, points, unknowns), nan where a run failed."""
     from scipy.optimize import least_squares
 
     count, scaled = len(runs.initial), [name != "flow_index" for name in runs.initial] + [False] * len(runs.shifted)
     starts = np.clip(np.outer(np.log(START_FACTORS), scaled), *bounds)
-    runs.compute(starts, runs.coarse)
-    at, _ = min(runs.done.values(), key=lambda run: np.sum(runs.residuals(*run) ** 2), default=(starts[0], None))
-    are_constants = np.arange(len(at)) < count
+    begun = zip(starts, runs.compute(starts, runs.coarse), strict=True)
+    at, _ = min(runs.done.values() or begun, key=lambda run: np.sum(runs.residuals(*run) ** 2))
+    are_constants, unknown = np.arange(len(at)) < count, np.full(len(runs.measured), np.nan)
     steps = np.diag(np.where(are_constants, RUN_STEP, DIFFERENCE_STEP))
     for is_corrected, most, reach in ((False, MAX_ITERATIONS, 2.0), (runs.coarse > spacing, MAX_CORRECTIONS, 1.0)):
         last = np.inf
         for _ in range(most):
             centre, around = at, np.clip([at - steps, at + steps], *bounds)
             points = [at, *np.concatenate(around)]
-            rows = runs.compute(points, runs.coarse)
-            here, *others = (runs.residuals(*pair) for pair in zip(points, rows, strict=True))
+            pairs = zip(points, runs.compute(points, runs.coarse), strict=True)
+            here, *others = (runs.residuals(*pair) if are_done(pair[1]) else unknown for pair in pairs)
             sides = (np.reshape(others, (2, len(at), -1)) - here) / (around - at).sum(2)[..., None]
-            runs.require_reached(at, here)
             surface = Surface(runs, at)
+            runs.require_reached(at, surface.residuals(at) if here is unknown else here)
             if is_corrected:
                 surface.correction = runs.residuals(at, runs.compute([at], spacing)[0]) - surface.residuals(at)
             before, reaches = np.sum(surface.residuals(at) ** 2), np.where(are_constants, reach * RUN_STEP, np.inf)
             found = least_squares(surface.residuals, at, bounds=np.clip([at - reaches, at + reaches], *bounds))
             at, error = found.x, RELATIVE_ERROR * np.sqrt(np.mean(found.fun**2))
-            report(f"{len(runs.planned)} runs, {runs.seconds:.1f} s each: {runs.describe(at)}: misses by {error:.2%}")
+            runs.report(
+                f"{len(runs.planned)} runs, {runs.seconds:.1f} s each: {runs.describe(at)}: misses by {error:.2%}"
+            )
             is_stalled = 2.0 * found.cost > 0.99 * before or abs(before - last) < 0.03 * last
             if np.abs(at - centre)[:count].max() < TOLERANCE or is_stalled:
                 break

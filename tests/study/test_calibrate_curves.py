@@ -27,9 +27,9 @@ def closed(time, yield_value=300.0, plastic_viscosity=50.0):
 
 
 class Ran(list):
-    """Cases that were run; ``scatter`` of their flows [-]."""
+    """Cases that were run; ``scatter`` of their flows [-]; above ``fails`` [Pa s] they fail."""
 
-    scatter = 0.0
+    scatter, fails = 0.0, np.inf
 
 
 @pytest.fixture
@@ -43,7 +43,8 @@ def exact(monkeypatch):
         time = np.linspace(0.0, told.pop("until"), 200)
         flow = closed(time, *(told[name] for name in TRUE)) * (1.0 + 0.05 * (told["spacing"] > 0.015))
         flow *= 1.0 + ran.scatter * np.random.default_rng(int(case.key, 16)).standard_normal()
-        row = {"key": case.key, "status": "done", "reason": "", "scene": case.scene, "cpu_seconds": 1.0, **told}
+        status = "failed" if told["plastic_viscosity"] > ran.fails else "done"
+        row = {"key": case.key, "status": status, "reason": "why", "scene": case.scene, "cpu_seconds": 1.0, **told}
         return row | {"course": {"time_s": time.tolist(), "spread_m": flow.tolist()}}
 
     monkeypatch.setattr(curves, "run_with_history", run)
@@ -75,6 +76,20 @@ def test_known_constants_come_back_and_the_offset_of_time(tmp_path, exact, late)
     number = len(exact)
     assert number == fit.runs and sum(case.parameters["spacing"] == 0.01 for case in exact) <= 3
     assert found(tmp_path, file, free).facts() == fit.facts() and len(exact) == number
+
+
+def test_a_run_that_fails_is_told_and_passed_over(tmp_path, exact):
+    """Where runs fail above 90 Pa s, 65 Pa s are found by the others; where all fail, the reason is told."""
+    file, told = (
+        written(tmp_path / "film.csv", np.linspace(0.0, 6.0, 25), closed(np.linspace(0.0, 6.0, 25), **TRUE)),
+        [],
+    )
+    exact.fails = 90.0
+    fit = found(tmp_path, file, finer=False, watch=told.append, spacing=0.012)
+    assert fit.constants["plastic_viscosity"].value == pytest.approx(65.0, rel=0.01) and "a run failed: why" in told
+    exact.fails = 0.0
+    with pytest.raises(mps.SceneError, match="curve = film.csv: a run failed: why"):
+        found(tmp_path, file, finer=False, name="none")
 
 
 @pytest.mark.slow
