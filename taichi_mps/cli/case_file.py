@@ -5,7 +5,7 @@ from pathlib import Path
 from ..problem import catalogue
 from ..problem.labels import OPTIONS, keyword_description
 from ..problem.numerics import NUMERICS, Implicit
-from ..report.inputs import option
+from ..report.inputs import OMITTED, option
 from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of, user_path
 from .options import GROUPS, Run, group_of, is_tuple, suggested
 
@@ -25,8 +25,7 @@ def case_text(source: str, problem, settings: dict) -> str:
     document.add("scene", tomlkit.item(source))
     tables = {name: tomlkit.table() for name in SECTIONS}
     known = keywords(catalogue.load(source), type(problem.numerics))
-    chosen = {"accuracy"}  # by which model and spacing were chosen, which are in the file
-    given = {key: value for key, value in problem.scene.parameters.items() if value is not None and key not in chosen}
+    given = {key: value for key, value in problem.scene.parameters.items() if value is not None and key not in OMITTED}
     values = {**problem.numerics.model_dump(), **settings, **given}
     for name, (model, field) in known.items():
         table = tables[group_of(name, model).split()[0]]
@@ -47,11 +46,17 @@ def changed_keys(path: Path, text: str) -> list[str]:
     import tomlkit
 
     try:
-        found, known = (tomlkit.parse(case).unwrap() for case in (path.read_text(encoding="utf-8"), text))
+        given, known = (
+            {
+                key: value
+                for section in tomlkit.parse(case).unwrap().values()
+                if isinstance(section, dict)
+                for key, value in section.items()
+            }
+            for case in (path.read_text(encoding="utf-8"), text)
+        )
     except ValueError:
         return ["no TOML"]
-    known = {key: value for section in known.values() if isinstance(section, dict) for key, value in section.items()}
-    given = {key: value for section in found.values() if isinstance(section, dict) for key, value in section.items()}
     return [key for key, value in given.items() if value != known.get(key)]
 
 
