@@ -151,9 +151,8 @@ def sweep_command(argv) -> int:
     folder = user_path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
     differing = varied_parameters(planned, function)
-    drawable = any(isinstance(planned[0].parameters[name], int | float) for name in differing)
     require(
-        drawable or not options.chart,
+        not options.chart or any(isinstance(planned[0].parameters[name], int | float) for name in differing),
         "chart: needs a parameter that is varied by numbers; must be a list or first:last:number",
     )
     if "accuracy" in planned[0].parameters and not varied.keys() & CHOOSES:
@@ -195,6 +194,14 @@ def some(lines: list[str], table) -> list[str]:
     return lines[:MOST_SHOWN] + [f"and {len(lines) - MOST_SHOWN} more, see {table}"] * (len(lines) > MOST_SHOWN)
 
 
+def tell_chart(name: str, *found) -> None:
+    """Draw the chart of this name of study/chart.py, and print its path; nothing without matplotlib."""
+    if find_spec("matplotlib"):
+        from ..study import chart
+
+        print(f"Chart: {plain(getattr(chart, name)(*found))}", file=sys.stderr)
+
+
 def tally(rows) -> str:
     """Numbers of cases done, failed and lost, in words."""
     count = Counter(row["status"] for row in rows)
@@ -225,10 +232,7 @@ def require_command(argv) -> int:
     )
     facts = [asdict(border) | {"slumps_m": border.slumps_m} for border in borders]
     tell(arguments, facts, "\n".join([*map(str, borders), f"{len(rows)} run{'s' * (len(rows) > 1)}: {folder}"]))
-    if find_spec("matplotlib"):
-        from ..study.chart import require_chart
-
-        print(f"Chart: {plain(require_chart(borders, rows, wanted, folder / 'require.png'))}", file=sys.stderr)
+    tell_chart("require_chart", borders, rows, wanted, folder / "require.png")
     return DONE
 
 
@@ -273,10 +277,7 @@ def calibrate_scene(argv) -> int:
     write_whole(folder / "case.toml", case_file.case_text(catalogue.source(name), Problem(case), {}))
     write_whole(folder / "calibration.json", json.dumps(strict(found.facts()), indent=1))
     tell(arguments, found.facts(), f"{found}\nTo run it: taichi-mps run {folder / 'case.toml'}")
-    if find_spec("matplotlib"):
-        from ..study.chart import curves_chart
-
-        print(f"Chart: {plain(curves_chart(found, folder / 'chart.png'))}", file=sys.stderr)
+    tell_chart("curves_chart", found, folder / "chart.png")
     return DONE
 
 
@@ -317,10 +318,7 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     found = mixes.calibrate_list(rows, options.study, watch)
     mixes.write(found, out)
     tell(arguments, found, f"{mixes.tally(found)}\nEvery mix with its constants and reasons: {out}")
-    if find_spec("matplotlib"):
-        from ..study.chart import mixes_chart
-
-        print(f"Chart: {plain(mixes_chart(found, out.with_suffix('.png')))}", file=sys.stderr)
+    tell_chart("mixes_chart", found, out.with_suffix(".png"))
     refused = [
         f"{mixes.REFUSED}: {next(iter(row.values()))}: {row['reason']}"
         for row in found
