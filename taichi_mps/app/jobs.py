@@ -80,9 +80,13 @@ class Queue:
         for path in self.folder.glob("*"):
             if process := lock.writer(path):
                 job = Job(
-                    f"{plain(path.name)}, begun elsewhere", ["run"], path.name, state="running", folder=RunFolder(path)
+                    f"{plain(path.name)}, begun elsewhere",
+                    ["run"],
+                    path.name,
+                    state="running",
+                    folder=RunFolder(path),
+                    orphan=process,
                 )
-                job.orphan = process
                 job.task = asyncio.create_task(self.watch(job))
                 self.jobs.append(job)
 
@@ -111,10 +115,13 @@ class Queue:
             if job.scene:
                 job.folder = RunFolder(next_free(self.folder / job.scene))
                 words = [*words, f"--out={job.folder.path}"]
-            words = sys.executable, "-m", "taichi_mps", *words
             try:  # in a session of its own: Ctrl-C in the terminal of the server reaches it once, by the server
                 job.process = await asyncio.create_subprocess_exec(
-                    *words, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, start_new_session=True
+                    *(sys.executable, "-m", "taichi_mps", *words),
+                    stdin=DEVNULL,
+                    stdout=PIPE,
+                    stderr=PIPE,
+                    start_new_session=True,
                 )
             except (OSError, ValueError) as error:  # no process more, no memory; a word that no program can get
                 job.state, job.message = "failed", str(error)

@@ -97,8 +97,7 @@ class Page:
         units = {key: f" {fields[key]['unit']}" * without_unit(text) for key, text in asked.values.items()}
         texts = [f"{in_words(key)} {text}{units[key]}".rstrip() for key, text in asked.values.items()]
         words = ["run", asked.test, *form.options(asked.values), "--quiet"]
-        title = ", ".join([in_words(asked.test), *texts])
-        return self.enqueue(Job(title, words, asked.test, expected.get("seconds")))
+        return self.enqueue(Job(", ".join([in_words(asked.test), *texts]), words, asked.test, expected.get("seconds")))
 
     def enqueue(self, job: Job) -> dict:
         """Enqueue a job and return its number."""

@@ -32,9 +32,13 @@ class Resident:
         async with self.lock:
             for _ in range(2):
                 if not self.alive:
-                    command = sys.executable, "-m", "taichi_mps.app.worker", self.kind
                     self.process = await asyncio.create_subprocess_exec(
-                        *command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, limit=MAX_LINE_BYTES, start_new_session=True
+                        *(sys.executable, "-m", "taichi_mps.app.worker", self.kind),
+                        stdin=PIPE,
+                        stdout=PIPE,
+                        stderr=DEVNULL,
+                        limit=MAX_LINE_BYTES,
+                        start_new_session=True,
                     )
                     self.unanswered = 0
                 self.unanswered += 1

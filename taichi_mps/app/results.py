@@ -194,8 +194,9 @@ class Runs:
         """Resume a run."""
         folder = self.named(*asked.names[:1])
         require(folder.resumable, f"run = {plain(folder.path.name)}: has no checkpoint to go on from")
-        words = ["resume", str(folder.path), "--quiet"]
-        self.queue.add(Job(f"{plain(folder.path.name)}, resumed", words, folder=folder))
+        self.queue.add(
+            Job(f"{plain(folder.path.name)}, resumed", ["resume", str(folder.path), "--quiet"], folder=folder)
+        )
 
     def rename(self, asked) -> None:
         """Give a run another name."""

@@ -150,8 +150,9 @@ def serve(port: int, folder, browser: bool) -> None:
     try:
         listener = socket.create_server((LOCALHOST, port))
     except OSError as error:
-        why = os.strerror(error.errno)
-        raise SceneError(f"port = {port}: cannot be used ({why}); choose another, or 0 for any") from None
+        raise SceneError(
+            f"port = {port}: cannot be used ({os.strerror(error.errno)}); choose another, or 0 for any"
+        ) from None
     port = listener.getsockname()[1]
     address = f"http://{LOCALHOST}:{port}/"
     queue = Queue(folder)

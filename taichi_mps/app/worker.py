@@ -73,7 +73,6 @@ class Film:
         self.sim, self.tell, self.cancelled, self.course = sim, tell, cancelled, []
         # length of a unit of the 16-bit integer positions [m]
         self.unit = float(np.abs(sim.scene.domain).max()) / 32000.0
-        self.next_picture = 0.0
 
     def run(self) -> str:
         """Run to the end; return the reason of the end as in a summary."""
@@ -167,8 +166,9 @@ def forecast(words: list[str]) -> dict:
         return {"wrong": errors_by_key(plain(" ".join(str(error).split())))}
     remarks = [line.removeprefix("taichi-mps: ") for line in messages.getvalue().splitlines()]
     remarks += dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning)
-    facts = {"space": problem.scene.dimension == 3, "seconds": clock.whole}
-    return facts | {
+    return {
+        "space": problem.scene.dimension == 3,
+        "seconds": clock.whole,
         "lines": describe_run(problem, clock),
         "remarks": remarks,
         "table": measures_by_table(problem.scene),
