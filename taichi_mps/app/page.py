@@ -52,18 +52,21 @@ class Page:
     # ---- a mix -------------------------------------------------------------------------------------------------
     def tests(self, asked: Query) -> dict:
         """Tests that the user can choose, with the fields of their forms."""
-        tests, measurements = list(self.known.values()), form.measurements()
-        return {"tests": tests, "measurements": measurements, "folder": str(self.queue.folder)}
+        return {
+            "tests": list(self.known.values()),
+            "measurements": form.measurements(),
+            "folder": str(self.queue.folder),
+        }
 
     def fields(self, asked: Query) -> dict[str, dict]:
         """Fields of the form of the queried test; SceneError for a value of a field that it does not have."""
         require(asked.test in self.known, f"test = {asked.test}: unknown")
         schemes = self.known[asked.test]["fields"]
-        fields = {field["name"]: field for field in schemes.get(asked.values.get("scheme"), schemes["implicit"])}
-        return self.check_fields(asked, fields)
+        return self.check_fields(asked, schemes.get(asked.values.get("scheme"), schemes["implicit"]))
 
-    def check_fields(self, asked: Query, fields: dict) -> dict:
-        """Return the fields; SceneError for a value of an unknown field or one that is too long."""
+    def check_fields(self, asked: Query, form_fields: list[dict]) -> dict[str, dict]:
+        """Return the fields of a form by name; SceneError for a value of an unknown field or one that is too long."""
+        fields = {field["name"]: field for field in form_fields}
         for key, text in asked.values.items():
             require(key in fields, f"unknown key '{key}'")
             require(
@@ -107,7 +110,7 @@ class Page:
     # ---- a calibration ------------------------------------------------------------------------------------------
     def calibrate(self, asked: Query) -> dict:
         """Enqueue a calibration."""
-        self.check_fields(asked, {field["name"]: field for field in form.measurements()})
+        self.check_fields(asked, form.measurements())
         test = Measurements(**asked.values)
         check_measurements(test, emulators_of(test.measured()))  # at once, not by the job
         words = ["calibrate", "--json", *form.options(asked.values), *["--no-check"] * (not asked.check)]
@@ -130,8 +133,10 @@ class Page:
         jobs = list(enumerate(self.queue.jobs))
         ended = [(number, job) for number, job in jobs if job.finished and job.words[0] != "calibrate"]
         shown = ended[-1:] + [(number, job) for number, job in jobs if not job.finished]
-        last = next((row for row in self.runs.rows() if row["whole"]), None)
-        return {"jobs": [facts_of(number, job) for number, job in shown], "last": last}
+        return {
+            "jobs": [facts_of(number, job) for number, job in shown],
+            "last": next((row for row in self.runs.rows() if row["whole"]), None),
+        }
 
     def stop(self, asked: Query) -> None:
         """Stop a job, as Ctrl-C does."""
