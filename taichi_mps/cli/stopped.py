@@ -23,8 +23,11 @@ class Stopped(KeyboardInterrupt):
 
 def handle(stop) -> dict:
     """Set a handler of SIGNALS, and return those before by signal; under nohup SIGHUP stays ignored."""
-    handled = [number for number in SIGNALS if number != HANG_UP or signal.getsignal(number) != signal.SIG_IGN]
-    return {number: signal.signal(number, stop) for number in handled}
+    return {
+        number: signal.signal(number, stop)
+        for number in SIGNALS
+        if number != HANG_UP or signal.getsignal(number) != signal.SIG_IGN
+    }
 
 
 def leave_terminal() -> None:
