@@ -141,11 +141,13 @@ def outcome(row) -> str:
 # ---- sweep -----------------------------------------------------------------------------------------------------
 def sweep_command(argv) -> int:
     """compute a scene at many values of its parameters"""
-    what = (
+    arguments, function = parsed(
+        "sweep",
+        argv,
         "A scene at every combination of values: one value, a list 20,50,100, or first:last:number in "
-        "equal ratios (:linear in equal steps). What the folder of the study holds is not computed again."
+        "equal ratios (:linear in equal steps). What the folder of the study holds is not computed again.",
+        Sweep,
     )
-    arguments, function = parsed("sweep", argv, what, Sweep)
     options, varied = Sweep(**given(arguments, Sweep)), given(arguments, function.parameters)
     require(not options.chart or find_spec("matplotlib"), NEEDS)
     folder = user_path(options.out or Path("studies") / Path(arguments.scene).stem)
@@ -212,11 +214,15 @@ def tally(rows) -> str:
 # ---- require ---------------------------------------------------------------------------------------------------
 def require_command(argv) -> int:
     """which slump to order so that a form fills"""
-    what = (
+    arguments, function = parsed(
+        "require",
+        argv,
         "The mixes that fill a form, such as wall, in time, by yield stress and plastic viscosity, and the slump to "
-        "order. What the folder of the study holds is not computed again."
+        "order. What the folder of the study holds is not computed again.",
+        Study,
+        MIX,
+        wanted=Wanted,
     )
-    arguments, function = parsed("require", argv, what, Study, MIX, wanted=Wanted)
     given_wanted, options = given(arguments, Wanted), Study(**given(arguments, Study))
     wanted = Wanted(**given_wanted)
     folder = user_path(options.out or Path("studies") / f"require-{Path(arguments.scene).stem}")
@@ -262,8 +268,12 @@ def calibrate_command(argv) -> int:
 
 def calibrate_scene(argv) -> int:
     """Constants of a law from curves that were measured of a scene."""
-    what = "The constants of a law, with 95 % intervals, by runs of the scene that come nearest to measured curves."
-    arguments, function = parsed("calibrate", argv, what, Curves)
+    arguments, function = parsed(
+        "calibrate",
+        argv,
+        "The constants of a law, with 95 % intervals, by runs of the scene that come nearest to measured curves.",
+        Curves,
+    )
     options, settings = Curves(**given(arguments, Curves)), given(arguments, function.parameters)
     require(options.curve, "curve: is missing; must be a CSV file of what was measured of the scene")
     require(find_spec("scipy"), "calibrate needs scipy: pip install 'taichi-mps[calibrate]'")
