@@ -62,8 +62,8 @@ def test_nine_runs_in_ten_are_told_within_thirty_percent_from_a_tenth_on():
 
 
 def played(monkeypatch, problem, seconds, costs, imported=IMPORT):
-    """Time [s] told before a run, in all from a tenth of its steps on, and taken, where its parts take ``seconds`` [s] by
-    name, and the steps of its flow ``costs`` [s] and equal times."""
+    """Time [s] told before a run, in all from a tenth of its steps on, and taken, where its parts take ``seconds`` [s]
+    by name, and the steps of its flow ``costs`` [s] and equal times."""
     now, told = [100.0], []
     monkeypatch.setattr(clock.time, "monotonic", lambda: now[0])
     sim = SimpleNamespace(steps=1, time=0.0, rest=Rest(), scene=problem.scene, problem=problem)
