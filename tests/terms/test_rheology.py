@@ -147,11 +147,6 @@ def test_excess_of_a_flowing_film_is_the_closed_form(wall_stress):
     assert flux == pytest.approx(PI_C * plug**2 * (2.0 + k) / 3.0, rel=1e-4)
 
 
-def test_a_newtonian_fluid_has_no_critical_strain_rate():
-    with pytest.raises(mps.SceneError, match="yield_value = 0 Pa"):
-        mps.rational_critical_strain_rate(plastic_viscosity=1.0, yield_value=0.0)
-
-
 def test_a_high_knee_stress_warns():
     """In the paper's case #5 pi_c = 0.1 1/s with 1500 Pa s turns 100 Pa into 400 Pa."""
     with pytest.warns(UserWarning) as caught:
