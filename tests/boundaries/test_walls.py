@@ -134,6 +134,13 @@ def inside(walls, d):
     return x[np.min([wall.distance(x) for wall in walls], axis=0) > 0.1 * L0]
 
 
+def motion_at(wall, x):
+    """Velocities (n, d) [m/s] at x of what turns and slides with a wall."""
+    arm = x - np.array(wall.point)
+    spin = np.cross(wall.unit_axis, arm) if x.shape[1] == 3 else np.stack([-arm[:, 1], arm[:, 0]], 1)
+    return wall.angular_velocity * spin + wall.velocity * wall.unit_axis
+
+
 def test_distances_from_curved_walls():
     x = np.array([[0.1, -0.2], [0.6, -0.2], [0.1, 0.5]])
     assert AROUND.distance(x) == pytest.approx([0.6, 0.1, -0.1])
@@ -163,10 +170,7 @@ def test_kernels_see_the_distance_its_gradient_and_the_motion_at_the_foot(wall):
     assert np.allclose(n.T, gradient, atol=1e-8)
     foot = x - z * n
     assert np.abs(wall.distance(foot)).max() < 1e-12
-    arm = foot - np.array(wall.point)
-    spin = np.cross(wall.unit_axis, arm) if d == 3 else np.stack([-arm[:, 1], arm[:, 0]], 1)
-    expected = wall.angular_velocity * spin + wall.velocity * wall.unit_axis
-    assert np.allclose(velocity[0], expected, atol=1e-12)
+    assert np.allclose(velocity[0], motion_at(wall, foot), atol=1e-12)
     bend = sum((normal[1 + a, :, a] - normal[1 + d + a, :, a]) / (2 * h) for a in range(d))  # div n
     k = curvature[0, :, 0]  # of the wall's parallel through x it is minus div n
     assert np.allclose(bend, -k / (1.0 - k * z[:, 0]), rtol=1e-6)
@@ -192,12 +196,9 @@ def test_turning_with_the_walls_is_exact_and_meets_no_resistance(case):
     """Gradient, stress and hourglass resistance of a rigid rotation between co-rotating walls are exact to rounding."""
     d, walls = CURVED[case]
     system = System(inside(walls, d), planes=walls)
-    wall = walls[0]
     near = np.min([wall.distance(system.x) for wall in walls], axis=0) < L0
     assert near.sum() > 10
-    arm = system.x - np.array(wall.point)
-    spin = np.cross(wall.unit_axis, arm) if d == 3 else np.stack([-arm[:, 1], arm[:, 0]], 1)
-    u = wall.angular_velocity * spin + wall.velocity * wall.unit_axis
+    u = motion_at(walls[0], system.x)
     G = system.gradients(u, motion=1.0)
     assert np.abs(G[system.healthy] + G[system.healthy].transpose(0, 2, 1)).max() < 1e-11
     stiffened = system.x[~system.healthy]  # those at the ends of the pipe with too few neighbours, and who feels them

@@ -45,6 +45,13 @@ def told(path, **keywords):
     return points, triangles, "; ".join(str(line.message) for line in said)
 
 
+def refuses(path, content, message):
+    """A file of this content is refused with this message."""
+    path.write_bytes(content)
+    with pytest.raises(mps.SceneError, match=message):
+        read_mesh(path)
+
+
 def needle(cube):
     """The cube with a triangle of three corners in a row on one of its edges."""
     corner, far, other = cube[4]  # 0 4 5: its edge from 0 to 4 gets a corner in its middle
@@ -239,12 +246,12 @@ def test_files_as_other_programs_write_them(tmp_path):
         assert volume(points, triangles) == pytest.approx(1.0) and not said
     commas = {"stl": text.replace(".", ","), "obj": good["quads.obj"].replace(".", ",")}
     for suffix, content in commas.items():
-        (tmp_path / f"comma.{suffix}").write_text(content)
-        with pytest.raises(mps.SceneError, match=r"comma.*: cannot be read .* decimal comma; must have a point"):
-            read_mesh(tmp_path / f"comma.{suffix}")
-    (tmp_path / "cube.dxf").write_text(text)
-    with pytest.raises(mps.SceneError, match="must be a file .stl, .obj, .ply, .step or .stp"):
-        read_mesh(tmp_path / "cube.dxf")
+        refuses(
+            tmp_path / f"comma.{suffix}",
+            content.encode(),
+            r"comma.*: cannot be read .* decimal comma; must have a point",
+        )
+    refuses(tmp_path / "cube.dxf", text.encode(), "must be a file .stl, .obj, .ply, .step or .stp")
 
 
 HEAD, FACET = 84, 50  # bytes of a binary STL file before its triangles, and of each
@@ -277,11 +284,8 @@ def test_an_stl_file_that_is_cut_or_of_another_format_is_told_as_such(tmp_path):
         b"ply\nformat ascii 1.0\n" + 100 * b"comment\n": "holds no facets",
     }
     for content, message in bad.items():
-        (tmp_path / "cut.stl").write_bytes(content)
-        with pytest.raises(
-            mps.SceneError, match=f"mesh .*cut.stl: cannot be read as STL .damaged or another format: it {message}"
-        ):
-            read_mesh(tmp_path / "cut.stl")
+        whole = f"mesh .*cut.stl: cannot be read as STL .damaged or another format: it {message}"
+        refuses(tmp_path / "cut.stl", content, whole)
 
 
 NOTCH = [(0, 0), (90, 0), (90, 90), (60, 90), (60, 30), (30, 30), (30, 90), (0, 90)]
@@ -342,12 +346,9 @@ def test_an_obj_file_counts_its_corners_from_one_or_backwards(tmp_path):
     (tmp_path / "cube.obj").write_text(f"{corners}{faces}v 9 9 9\n")
     points, triangles, said = told(tmp_path / "cube.obj")
     assert volume(points, triangles) == pytest.approx(1.0) and points.max() == 1.0 and not said
+    message = "cube.obj: cannot be read as OBJ .damaged; a triangle names a point that is not there"
     for face in ("0 1 2", "1 2 99", "-9 -1 -2"):
-        (tmp_path / "cube.obj").write_text(f"{corners}{faces}f {face}\n")
-        with pytest.raises(
-            mps.SceneError, match="cube.obj: cannot be read as OBJ .damaged; a triangle names a point that is not there"
-        ):
-            read_mesh(tmp_path / "cube.obj")
+        refuses(tmp_path / "cube.obj", f"{corners}{faces}f {face}\n".encode(), message)
 
 
 # a box 30 mm away from the origin along y, and a round post
@@ -448,9 +449,7 @@ def test_files_that_promise_more_than_they_hold(tmp_path):
         "e.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 2000000000\n",
     }
     for name, content in bad.items():
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(mps.SceneError, match=f"mesh .*{name}: (?!.*comma)"):
-            read_mesh(tmp_path / name)
+        refuses(tmp_path / name, content, f"mesh .*{name}: (?!.*comma)")
 
 
 def test_a_ply_file_is_read_where_all_its_faces_are_there(tmp_path):
@@ -471,9 +470,8 @@ def test_a_ply_file_is_read_where_all_its_faces_are_there(tmp_path):
         "binary_little_endian": (5, mixed, "as many corners"),
     }
     for kind, (count, content, message) in bad.items():
-        (tmp_path / "body.ply").write_bytes(head.format(kind, count).encode() + content)
-        with pytest.raises(mps.SceneError, match=f"body.ply: cannot be read .*{message}"):
-            read_mesh(tmp_path / "body.ply")
+        content = head.format(kind, count).encode() + content
+        refuses(tmp_path / "body.ply", content, f"body.ply: cannot be read .*{message}")
 
 
 def test_who_waits_for_a_mesh_is_told_how_far_it_is(tmp_path, monkeypatch, capsys):

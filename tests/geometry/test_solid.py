@@ -1,4 +1,4 @@
-"""Walls of any shape: the sampled distance against exact surfaces, good and bad meshes, thin plates, no leak."""
+"""Walls of any shape: the sampled distance against exact surfaces, bad grids, thin plates, no leak."""
 
 from dataclasses import replace
 
@@ -7,10 +7,8 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.geometry import solid as solid_of_a_grid
-from taichi_mps.geometry.meshes import mesh_distance, read_mesh
 from taichi_mps.geometry.solid import polygon_distance
 from taichi_mps.viz import render
-from tests.support.cube import CORNERS, CUBE
 from tests.support.rigs import L0, RE, Probe, cloud
 from tests.support.rigs import Rig as Cloud
 
@@ -126,28 +124,6 @@ def test_nothing_leaks_where_walls_meet():
     assert sim.walls.surfaces[0].faces == 2
     assert solid.distance(s.x).min() > 0.0 and distance(s.x).min() > 0.0
     assert len(s.x) == len(scene.fluid) and (s.x @ Q)[:, 0].max() > 1.3
-
-
-# ---- meshes -----------------------------------------------------------------------------------------------------
-
-
-def write(path, triangles=CUBE, points=CORNERS):
-    import meshio
-
-    meshio.Mesh(np.asarray(points, float), [("triangle", np.asarray(triangles))]).write(path)
-    return path
-
-
-@pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
-def test_distances_from_a_cube(tmp_path, suffix):
-    """The distance from a cube is exact in any format, in mm, and with its triangles oriented inward or outward."""
-    pytest.importorskip("igl")
-    for triangles in (CUBE, CUBE[:, ::-1]):
-        points, read = read_mesh(write(tmp_path / f"cube.{suffix}", triangles, 1000.0 * CORNERS), scale=0.001)
-        x = np.array([[0.5, 0.5, 0.4], [0.5, 0.5, 1.2], [1.3, 1.4, 0.5], [-0.1, -0.2, -0.2]])
-        assert mesh_distance(x, points, read) == pytest.approx([-0.4, 0.2, 0.5, 0.3])
-    solid = mps.Solid.from_mesh(tmp_path / f"cube.{suffix}", 0.05, RE, inside=True, scale=0.001)
-    assert solid.distance(np.array([[0.5, 0.5, 0.4]])) == pytest.approx(0.4)
 
 
 def grid(values, **keywords):

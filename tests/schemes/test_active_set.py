@@ -60,8 +60,7 @@ def test_with_nothing_asleep_it_is_the_same_run_bit_for_bit(both):
         for _ in range(FULL_STEP_INTERVAL + 5):
             sim.step()
     assert on.scheme.left_out == 0.0
-    for name, rows in off.particles.read().items():
-        np.testing.assert_array_equal(on.particles.read()[name], rows, err_msg=name)
+    np.testing.assert_equal(on.particles.read(), off.particles.read())
 
 
 @pytest.fixture(scope="module")
@@ -188,5 +187,4 @@ def test_a_run_goes_on_from_its_state_bit_for_bit(landed):
             sim.step()
         ends.append(sim.particles.read())
     assert sim.scheme.left_out > 0.0
-    for name, rows in ends[0].items():
-        np.testing.assert_array_equal(ends[1][name], rows, err_msg=name)
+    np.testing.assert_equal(*ends)

@@ -132,27 +132,30 @@ def test_steps_to_a_time_limit_before_rest():
     assert steps_left(sim, Cost(1000.0, 1.0, 0.05)) == 1000.0, "at rest before the limit"
 
 
-def test_a_start_that_took_longer_is_told_as_it_was(kernels, monkeypatch):
+@pytest.fixture(scope="module")
+def rings():
+    """A cone of few rings."""
+    return Problem(catalogue.build("slump", model="axisymmetric", spacing=0.05))
+
+
+def test_a_start_that_took_longer_is_told_as_it_was(kernels, monkeypatch, rings):
     """Of a scene whose solids took 30 s to read the start is over when the run is told."""
-    problem = Problem(catalogue.build("slump", model="axisymmetric", spacing=0.05))
     monkeypatch.setattr(clock.time, "monotonic", lambda: 130.0)
-    late, usual = Clock(problem, SETTINGS, 0.05, 100.0), Clock(problem, SETTINGS, 0.05)
+    late, usual = Clock(rings, SETTINGS, 0.05, 100.0), Clock(rings, SETTINGS, 0.05)
     assert late.whole == pytest.approx(usual.whole - usual.expected["start"] + 30.0)
 
 
-def test_a_process_that_computed_before_tells_nothing(kernels):
+def test_a_process_that_computed_before_tells_nothing(kernels, rings):
     """Its processor time until the command line was imported is not that of the import."""
-    problem = Problem(catalogue.build("slump", model="axisymmetric", spacing=0.05))
-    assert Clock(problem, SETTINGS, 0.05, None, 100.0).whole == Clock(problem, SETTINGS, 0.05).whole
+    assert Clock(rings, SETTINGS, 0.05, None, 100.0).whole == Clock(rings, SETTINGS, 0.05).whole
 
 
-def test_kernels_that_may_have_been_compiled(kernels):
+def test_kernels_that_may_have_been_compiled(kernels, rings):
     """Without compiled kernels all are compiled; with some, as many as not: between both times."""
-    problem = Problem(catalogue.build("slump", model="axisymmetric", spacing=0.05))
-    first = Clock(problem, SETTINGS, 0.05)
+    first = Clock(rings, SETTINGS, 0.05)
     kernels.parent.mkdir()
-    assert first.cold and Clock(problem, SETTINGS, 0.05).cold
+    assert first.cold and Clock(rings, SETTINGS, 0.05).cold
     kernels.touch()
-    again = Clock(problem, SETTINGS, 0.05)
+    again = Clock(rings, SETTINGS, 0.05)
     assert not again.cold and READY[False] < again.expected["ready"] < first.expected["ready"]
     assert again.expected["ready"] ** 2 == pytest.approx(READY[False] * first.expected["ready"])

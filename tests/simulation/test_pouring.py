@@ -1,6 +1,7 @@
 """Placing: inflow through an inlet and its end, the volume in a form, and bars written as a mesh."""
 
 from dataclasses import replace
+from importlib.util import find_spec
 from itertools import pairwise
 
 import meshio
@@ -17,6 +18,7 @@ from taichi_mps.simulation.pouring import Pouring
 from taichi_mps.terms.pressure import LOOSE
 from tests.support.cube import box
 
+NEEDS_IGL = pytest.mark.skipif(find_spec("igl") is None, reason="the distance of a mesh is libigl's")
 L0, RATE, LAYERS = 0.02, 0.04, 9
 HOSE = mps.Inlet(centre=(0.01, 0.4), direction=(0.0, -2.0), radius=0.04, rate=RATE, volume=0.0144)
 ALL = LAYERS + 2  # layers: a second hose adds two
@@ -119,11 +121,10 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
         assert saved.header["fluid"] == checkpoint.digest(scene, checkpoint.PARTICLE_ATTRIBUTES)
         sim.load(saved.state)
         assert sim.fluid_particles == counts[-1]
-    for key, value in ends[0].items():
-        assert np.array_equal(value, ends[1][key]), key
+    np.testing.assert_equal(*ends)
     again = checkpoint.restore(tmp_path / "checkpoint.h5", scene).state()  # of another simulation, as resume makes it
-    assert again.keys() == saved.state.keys() and len(again["x"]) == counts[-1] > counts[0]
-    assert all(np.array_equal(value, again[key]) for key, value in saved.state.items())
+    assert len(again["x"]) == counts[-1] > counts[0]
+    np.testing.assert_equal(again, saved.state)
     for poured in (None, [], [[1, 0.0]], [[LAYERS + 1, 0.0], [0, 0.0]], [[1.0, 0.0], [0, 0.0]], [[1, -0.1], [0, 0.0]]):
         with pytest.raises(mps.SceneError, match="^checkpoint: pouring = .* they have .9, 2. layers$"):
             replace(saved, state={**saved.state, "pouring": poured}).admit(scene)
@@ -244,8 +245,8 @@ def test_the_picture_of_what_stayed_empty(tmp_path):
 
 
 # ---- bars -------------------------------------------------------------------------------------------------------
+@NEEDS_IGL
 def test_bars_are_written_closed_and_read_back_with_their_volume(tmp_path):
-    pytest.importorskip("igl")
     ends = np.array([[(0.1, 0.0, 0.0), (0.1, 0.0, 0.5)], [(0.0, 0.02, 0.2), (0.3, 0.02, 0.3)]])
     for suffix in ("stl", "obj", "ply"):
         path = mps.write_bars(tmp_path / f"bars.{suffix}", ends, 0.008)
@@ -258,9 +259,9 @@ def test_bars_are_written_closed_and_read_back_with_their_volume(tmp_path):
     assert bars.distance(at) == pytest.approx([0.022, -0.003, 0.032], abs=1e-3)
 
 
+@NEEDS_IGL
 def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
     """The room of a horizontal bar of square section drawn as a mesh is a form of 0.2 x 0.2 x 0.6 m."""
-    pytest.importorskip("igl")
     side = 0.1 / np.sqrt(np.pi / 4.0)  # radius of the round bar with the area of a square of 0.2 m
     path = mps.write_bars(tmp_path / "form.stl", [[(0.0, 0.0, 0.0), (0.6, 0.0, 0.0)]], side, sides=4)
     form = mps.Solid.from_mesh(path, 0.01, 0.05, inside=True)
@@ -275,8 +276,8 @@ def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
         mps.Scene(inlets=(replace(inlet, centre=(-0.02, 0.0, 0.0)),), **shared)
 
 
+@NEEDS_IGL
 def test_a_mesh_in_millimetres_needs_a_scale(tmp_path):
-    pytest.importorskip("igl")
     path = str(mps.write_bars(tmp_path / "mm.stl", [[(200.0, 50.0, 10.0), (200.0, 50.0, 400.0)]], 8.0))
     with pytest.raises(mps.SceneError, match=r"mm.stl: .* x 390 m; must .* at most 25 m long .*0.001 for a file in"):
         catalogue.build("wall", rebar=path)
@@ -285,9 +286,9 @@ def test_a_mesh_in_millimetres_needs_a_scale(tmp_path):
     assert inside < 0.0 and outside == pytest.approx(0.012, abs=1e-3)
 
 
+@NEEDS_IGL
 def test_a_form_from_a_file_is_poured_through_its_opening(tmp_path):
     """A trough of 300 x 120 x 200 mm is filled completely through its narrower neck of 100 mm."""
-    pytest.importorskip("igl")
     trough = np.vstack([box((0, 0, 0), (0.3, 0.12, 0.2)), box((0.1, 0.0, 0.2), (0.2, 0.12, 0.3))])
     meshio.write(tmp_path / "t.ply", meshio.Mesh(trough.reshape(-1, 3), [("triangle", np.arange(72).reshape(-1, 3))]))
     form = {"form": str(tmp_path / "t.ply"), "hose_diameter": 0.08}

@@ -106,11 +106,6 @@ def test_bi_viscosity_law_is_continuous_at_the_knee_and_has_two_branches():
     assert np.all(np.diff(stress) >= 0.0)
 
 
-@pytest.mark.parametrize("rate", [0.0, 0.1, 0.2, 0.3, 40.0])
-def test_the_kernel_uses_the_same_law(rate):
-    assert viscosity_in_a_kernel(rate) == pytest.approx(apparent_viscosity(rate, ETA, TAU_Y, PI_C), rel=1e-12)
-
-
 # ---- the rational critical strain rate -------------------------------------------------------------------------
 def film_errors(wall_stress, eta, tau_y, pi_c, depth=0.1):
     """Excess of the surface speed [m/s] and of the flux [m2/s] of a film of the bi-viscosity law over one of a true
@@ -150,11 +145,6 @@ def test_excess_of_a_flowing_film_is_the_closed_form(wall_stress):
     speed, flux = film_errors(wall_stress, ETA, TAU_Y, PI_C)
     assert speed == pytest.approx(PI_C * plug, rel=1e-4)
     assert flux == pytest.approx(PI_C * plug**2 * (2.0 + k) / 3.0, rel=1e-4)
-
-
-def test_a_newtonian_fluid_has_no_critical_strain_rate():
-    with pytest.raises(mps.SceneError, match="yield_value = 0 Pa"):
-        mps.rational_critical_strain_rate(plastic_viscosity=1.0, yield_value=0.0)
 
 
 def test_a_high_knee_stress_warns():

@@ -35,6 +35,13 @@ def momentum(sim):
     return masses @ sim.snapshot().u
 
 
+def gained(sim, of):
+    """What a quantity of a simulation gains in a step, per second."""
+    before, time = of(sim), sim.time
+    sim.step()
+    return (of(sim) - before) / (sim.time - time)
+
+
 @pytest.mark.parametrize(
     ("d", "name"), [(2, "force_floor_z_N_per_m"), pytest.param(3, "force_floor_z_N", marks=pytest.mark.long)]
 )
@@ -45,11 +52,9 @@ def test_walls_carry_the_weight_less_what_the_momentum_gains(d, name):
     assert np.isnan(sim.measures()[name])
     weight = sim.scene.material.density * sim.scene.volumes.sum() * sim.scene.gravity_vector
     for _ in range(4):
-        before, time = momentum(sim), sim.time
-        sim.step()
-        gained = (momentum(sim) - before) / (sim.time - time)
+        force = weight - gained(sim, momentum)
         found = sum(load.force for load in sim.snapshot().loads.values())
-        assert found == pytest.approx(weight - gained, abs=2e-4 * np.abs(weight).max())
+        assert found == pytest.approx(force, abs=2e-4 * np.abs(weight).max())
     assert sim.measures()[name] < 0.0
     assert sim.scheme.pressure.full[None] == 0  # below a free surface ghosts carry no stress along the walls
     assert np.abs(sim.scheme.wall_stress.drive.to_numpy()).max() == 0.0
@@ -94,17 +99,15 @@ def test_the_torques_on_all_walls_are_what_the_angular_momentum_loses():
     """A vane turns in a cup of Bingham paste, whose plug is stiff against hourglass modes."""
     sim = mps.Simulation(catalogue.build("vane", spacing=0.004))
 
-    def angular_momentum():
+    def angular_momentum(sim):
         s = sim.snapshot()
         return 1900.0 * s.spacing**2 * float((s.x[:, 0] * s.u[:, 1] - s.x[:, 1] * s.u[:, 0]).sum())
 
     for _ in range(11):
         sim.step()
-    before, time = angular_momentum(), sim.time
-    sim.step()
+    lost = -gained(sim, angular_momentum)
     torques = {name: load.torque[-1] for name, load in sim.snapshot().loads.items()}
-    gained = (angular_momentum() - before) / (sim.time - time)
-    assert sum(torques.values()) == pytest.approx(-gained, abs=0.01 * torques["cup"])
+    assert sum(torques.values()) == pytest.approx(lost, abs=0.01 * torques["cup"])
 
 
 @pytest.mark.slow
@@ -147,13 +150,11 @@ def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
     torque."""
     sim = mps.Simulation(catalogue.build("slump", spacing=0.025, model=model), CONVERGED)
     sim.step()
-    before, time = momentum(sim)[-1], sim.time
-    sim.step()
     copies = 4 if model == "quarter" else 1
-    gained = copies * (momentum(sim)[-1] - before) / (sim.time - time)
+    upward = copies * gained(sim, momentum)[-1]
     weight = copies * sim.scene.material.density * sim.scene.volumes.sum() * 9.81
     load = sim.scene.unfold(sim.snapshot()).loads["wall_0"]
-    assert load.force[-1] == pytest.approx(-weight - gained, rel=2e-4)
+    assert load.force[-1] == pytest.approx(-weight - upward, rel=2e-4)
     assert np.abs(load.force[:2]).max() < 1e-5 * weight
     assert np.abs(load.torque).max() < 1e-5 * weight * 0.1
 
