@@ -33,6 +33,46 @@ def test_what_was_read_of_a_vector_local_stays_when_that_is_overwritten():
     assert found.to_numpy().tolist() == [12.0, 22.0, 33.0]
 
 
+# ---- loop invariants ------------------------------------------------------------------------------------------------
+@ti.kernel
+def counted(rows: ti.template()):
+    for i in rows:
+        for _ in range(3):
+            rows[i] = rows[i] + 1
+
+
+@ti.kernel
+def paired(rows: ti.template()):
+    ti.loop_config(serialize=True)
+    for i in range(4):
+        for j in range(4):
+            rows[i] += 1
+            rows[j] += 1
+
+
+@pytest.mark.parametrize(
+    ("options", "count", "pairs"),
+    [
+        ({"opt_level": 0, "cache_loop_invariant_global_vars": False}, 3, 8),
+        ({"opt_level": 0, "cache_loop_invariant_global_vars": True}, 1, 7),
+        ({"opt_level": 1, "cache_loop_invariant_global_vars": True}, 3, 7),
+    ],
+)
+def test_what_a_loop_writes_to_a_field_it_reads_again(options, count, pairs):
+    """Numbers that a loop increments are counted: 3 turns; 4 + 4 turns by two indices that are equal once. Taichi keeps
+    a number of a field in a local variable while a loop runs, one for each expression of its place, so that one does
+    not see what is written by another (its issue 8578): of 3 turns by two expressions 1 is left, of 8 by two indices 7.
+    Quadrants computes all correctly; when Taichi does, the options are needed no more."""
+    ti.init(arch=ti.cpu, offline_cache=False, log_level=ti.ERROR, **(workarounds.OPTIONS | options))
+    if workarounds.LANGUAGE == "quadrants":
+        count, pairs = 3, 8
+    for kernel, number in ((counted, count), (paired, pairs)):
+        rows = ti.field(ti.i32, 4)
+        kernel(rows)
+        assert rows.to_numpy().tolist() == [number] * 4, kernel.__name__
+    backend.init(arch="cpu", precision="f64", threads=2)
+
+
 # ---- fields ---------------------------------------------------------------------------------------------------------
 def test_fields_are_refused_before_the_tree_that_kills_the_process(monkeypatch):
     """With a limit of 12 trees fields are refused before it is exceeded; Taichi's own limit of 512 takes half a minute
