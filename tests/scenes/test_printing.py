@@ -257,8 +257,9 @@ def corner(size, width, height, layers, speed, filament=10.0):
 @pytest.mark.slow
 def test_a_tool_path_is_printed_as_it_is_commanded_until_its_foot_fails(written):
     """Beads of 30 x 10 mm round a corner on a smooth floor: two layers have the commanded width and height, and the
-    place to a particle, for nothing holds a bead there (0.5 to 4.3 mm where only rounding differs). The lowest layer is the first to become a tenth wider, between the heights 2 tau_y/(rho g), 35 mm, and a tenth above
-    that and a quarter of the width, 47 mm: at the fourth or the fifth layer."""
+    place to a particle, for nothing holds a bead there (0.5 to 4.3 mm where only rounding differs). The lowest layer is
+    the first to become a tenth wider, between the heights 2 tau_y/(rho g), 35 mm, and a tenth above that and a quarter
+    of the width, 47 mm: at the fourth or the fifth layer."""
     mix = {"yield_value": 400.0, "plastic_viscosity": 20.0, "floor": "smooth"}
     path = written(corner(100, 30, 10, 6, 200))
     scene = catalogue.build("printing", gcode=str(path), filament_diameter="10 mm", **mix)
