@@ -174,7 +174,10 @@ def test_commands_are_read(page, parsing_only, tmp_path, monkeypatch, capsys):
     text = page.read_text(encoding="utf-8")
     for program, *words in commands(text):
         if program == "python" and words[0] == "-m":
-            assert words[1] in ("pytest", "zensical", "tests.bounds"), words
+            assert words[1] in ("pytest", "zensical", "tests.bounds", "validation"), words
+            if words[1] == "validation":
+                source = (ROOT / "validation/__main__.py").read_text(encoding="utf-8")
+                assert all(word in source for word in words if word.startswith("--")), words
         elif program == "python" and (ROOT / words[0]).is_file():
             source = (ROOT / words[0]).read_text(encoding="utf-8")
             unknown = [word for word in words[1:] if re.match(r"[a-z-]", word) and word not in source]
