@@ -127,14 +127,17 @@ def mesh_distance(x, points, triangles):
     """Signed distance (n,) [m] of points ``x`` (n, 3) [m] from the nearest triangle, negative inside, by libigl.
 
     Inside is where the surface goes round, in either direction. Where bodies overlap, the nearest triangle of a point
-    inside may be one between them; that of a point outside lies on their union.
+    inside may be one between them; that of a point outside lies on their union. The winding number is counted again
+    only where the surface may lie between a point and the one before it.
     """
     import igl
 
     triangles, rounding = np.array(triangles, np.int64, order="C"), ROUNDING * np.ptp(points, axis=0).max()
     signed = igl.signed_distance(x, points, triangles, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
     distance, near = np.abs(signed), np.abs(signed) <= rounding
-    winding = np.abs(winding_number(x, points, triangles))
+    apart = np.linalg.norm(np.diff(x, axis=0, prepend=np.inf), axis=1)
+    anew = distance + np.roll(distance, 1) <= apart + rounding
+    winding = np.abs(winding_number(x[anew], points, triangles))[np.cumsum(anew) - 1]
     winding[near] = np.abs(winding_number(x[near] + rounding * BESIDE, points, triangles)).min(axis=0)
     outside = np.where(near, signed, distance)
     return np.where(winding > 0.5, -np.maximum(distance, 1e-3 * rounding), outside)

@@ -11,6 +11,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.geometry import solid
 from taichi_mps.geometry.meshes import MAX_GAP, mesh_distance, read_mesh
+from taichi_mps.geometry.shapes import lattice
 from taichi_mps.problem.problem import Problem
 from tests.support.cube import CORNERS, box
 
@@ -96,13 +97,16 @@ SOLIDS = {  # triangles, volume of the solid, how many of them are left out
 
 @pytest.mark.parametrize("name", SOLIDS)
 def test_a_mesh_is_the_solid_that_was_meant(tmp_path, name):
-    """The distance of a mesh is negative in its volume; a sound mesh gives no message."""
+    """The distance is negative in the volume, the same at nodes of a grid as one by one; a sound mesh says nothing."""
     triangles, right, left_out = SOLIDS[name]
     points, faces, said = told(stl(tmp_path / "mesh.stl", triangles))
     assert bool(said) == bool(left_out) and LEFT_OUT.format(left_out) * bool(left_out) in said
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     x = low + np.random.default_rng(2).uniform(0.0, 1.0, (20_000, 3)) * size
     assert np.mean(mesh_distance(x, points, faces) < 0.0) == pytest.approx(right / np.prod(size), abs=0.012)
+    nodes = lattice(low - 0.1 * size, low + 1.1 * size, size.max() / 40.0)
+    order = np.random.default_rng(3).permutation(len(nodes))
+    assert np.array_equal(mesh_distance(nodes, points, faces)[order], mesh_distance(nodes[order], points, faces))
 
 
 def test_outside_of_bodies_that_overlap_the_distance_is_that_of_their_union(tmp_path):
