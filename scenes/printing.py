@@ -169,20 +169,30 @@ def along(beads, material, spacing, floor, until):
             runs.append(run)
     per_inlet = [inlet.layers(spacing) * len(inlet.layer(spacing)) for inlet in inlets]
     ends, layer = np.cumsum(per_inlet), np.array([run[0].layer for run in runs])
-    across = np.array([np.cross((0.0, 0.0, 1.0), inlet.unit_direction) for inlet in inlets])
+    back = np.array([inlet.unit_direction for inlet in inlets])
+    across = np.cross((0.0, 0.0, 1.0), back)
     starts = np.array([run[0].start for run in runs])
     tops = {run[0].layer: run[0].end[2] for run in runs}
     heights = {run[0].layer: run[0].height for run in runs}
     widths = {k: np.average([w for w, j in each], weights=[j for w, j in each]) for k, each in by_layer(runs).items()}
 
     def shape(s):
-        """Number, width [m], mean offset (2,) [m] to the side and mean height [m] of each layer that has begun."""
+        """Number, width [m], mean offset (2,) [m] to the side and mean height [m] of each layer that has begun.
+
+        The width is that about the straight line through a bead, for one that turns on a smooth floor is no wider.
+        """
         run = np.searchsorted(ends, np.arange(len(s.x)), side="right")
-        aside = np.einsum("ij,ij->i", s.x - starts[run], across[run])
-        mean = np.bincount(run, aside, len(runs)) / np.maximum(np.bincount(run, minlength=len(runs)), 1)
+        count = np.maximum(np.bincount(run, minlength=len(runs)), 1)
+        along, aside = (np.einsum("ij,ij->i", s.x - starts[run], axis[run]) for axis in (back, across))
+        far, off = (x - (np.bincount(run, x, len(runs)) / count)[run] for x in (along, aside))
+        turn = np.bincount(run, far * off, len(runs)) / (
+            np.bincount(run, far**2, len(runs)) + count * s.spacing**2 / 12.0
+        )
         for k in np.unique(layer[run]):
             own = layer[run] == k
-            spread = 12.0 * np.mean((aside - mean[run])[own] ** 2) + s.spacing**2  # of a lattice w wide: w^2
+            spread = (
+                12.0 * np.mean(((off - turn[run] * far) ** 2 / (1.0 + turn[run] ** 2))[own]) + s.spacing**2
+            )  # of a lattice w wide: w^2
             offset = np.mean(aside[own, None] * across[run[own], :2], axis=0)
             yield k, float(np.sqrt(spread)), offset, float(s.x[own, 2].mean())
 
