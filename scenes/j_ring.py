@@ -2,7 +2,7 @@
 
 Source: ring 300 mm, bars of 18 mm, 16 (gap 41 mm) or 12 (gap 59 mm), 125 mm high: from memory, fairly sure. The cone is
 that of the slump test, gone at once. Step: mean depth within 50 mm of the axis less that just outside the ring.
-Run time: about 20 CPU-seconds at the default spacing, on a busy machine, and up to 45 s to compile.
+Run time: about 20 CPU-seconds at the default spacing, on a busy machine, and up to 20 s to compile.
 """
 
 import sys

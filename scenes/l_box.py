@@ -4,7 +4,7 @@ Source: 2 or 3 bars, gaps of 59 or 41 mm, H2/H1: the standard as quoted, sure; b
 600 x 200 x 100 mm, channel 700 mm from the back wall, opening 150 mm: from memory (EFNARC 2002), fairly sure. H1 and
 H2, mean depths at three places across the width, H1 immediately behind the gate, H2 at the end of the channel: from
 memory (European Guidelines for SCC, 2005, annex B.4). Place of the bars and breadth of a reading: assumed.
-Run time: about one and a half CPU-minutes at the default spacing, on a busy machine, and up to 45 s to compile.
+Run time: about one and a half CPU-minutes at the default spacing, on a busy machine, and up to 20 s to compile.
 """
 
 import math

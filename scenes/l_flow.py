@@ -2,7 +2,7 @@
 
 Source: column about 400 x 200 x 100 mm, channel 200 mm wide, from memory: the standard's table could not be confirmed.
 Assumed besides: an opening 150 mm high, as of the L-box, and a channel of 900 mm in front of it. All are keywords.
-Run time: about half a CPU-minute at the default spacing, on a busy machine, and up to 45 s to compile.
+Run time: about half a CPU-minute at the default spacing, on a busy machine, and up to 20 s to compile.
 """
 
 import sys

@@ -2,7 +2,7 @@
 
 Source: Roussel (2007), Cem. Concr. Res. 37, 1298: box 1200 x 200 x 150 mm, 6 l; from memory, fairly sure. There the
 concrete is poured slowly at one end; here a block of 200 x 200 x 150 mm stands there and is let go at t = 0.
-Run time: three CPU-seconds to rest at the default spacing, six of a soft mix, and up to 45 s to compile.
+Run time: three CPU-seconds to rest at the default spacing, six of a soft mix, and up to 20 s to compile.
 """
 
 import sys

@@ -2,7 +2,7 @@
 
 Source: height 680 mm, width 200 mm, legs 140 mm deep, gate 190 mm high, 3 bars of 13 mm 50 mm apart, about 20 l: bars
 and volume as quoted, the rest from memory, fairly sure. The bottom is flat here; the wall between is 3 l0 thick.
-Run time: about two CPU-minutes at the default spacing, on a busy machine, and up to 45 s to compile.
+Run time: about two CPU-minutes at the default spacing, on a busy machine, and up to 20 s to compile.
 """
 
 import sys

@@ -5,7 +5,7 @@ where they must be woken, to read a number from Python 7: more than the arithmet
 ``Execution`` queues the stages that are called and launches them together, before Python reads a result:
 
     fused      few rows: all stages between two readings become one kernel of one thread, solves included; below
-               OPTIMISED_FROM_ROWS rows it takes longer to compile than a run, so it is optimised less
+               OPTIMISED_FROM_ROWS rows it is optimised less
     grouped    many rows: kernels that follow each other become one, whose loops Taichi spreads over the threads; a
                ``@team_stage`` is executed by a team of threads (thread_team.py), on a GPU stage by stage
     timed      each stage by itself
@@ -29,8 +29,8 @@ from .thread_team import ThreadTeam, enter
 from .workarounds import less_optimised
 
 OPTIMISED_FROM_ROWS = 1000
-"""Number of rows from which on a fused kernel is optimised: 6 s more to compile, once, for an eighth less of each
-run."""
+"""Number of rows from which on a fused kernel is optimised by the language, too: up to a fifth more to compile, once,
+for up to a tenth less of each run."""
 ONE_THREAD_BELOW_ROWS = 3000
 """Number of rows below which one thread works alone: starting kernels and threads would cost more than the work."""
 

@@ -85,10 +85,18 @@ def compiled_now():
 
 # ---- corrections of wrong results ------------------------------------------------------------------------------------
 # Options of ti.init. Taichi miscompiles a vector local that is read, conditionally changed and overwritten (its issue
-# 8744); without cfg_optimization it does not, at no cost in run time. Quadrants computes the known patterns
-# correctly; the option is off there, too, for equal code. An unrolling limit of 0 avoids a warning of intended
-# unrolling.
-OPTIONS = {"cfg_optimization": False, "unrolling_limit": 0}
+# 8744); without cfg_optimization it does not. It keeps a number of a field in a local variable while a loop runs, one
+# for each expression of its place, so that one does not see what is written by another (its issue 8578); without
+# cache_loop_invariant_global_vars it does not. At an opt_level above 0 a pass over the whole kernel hides most of the
+# latter, and takes up to half of the time to compile; it spares a step nothing but where one thread computes 1,000
+# rows or more, a tenth. Quadrants computes the known patterns correctly; it has the same options for equal code. An
+# unrolling limit of 0 avoids a warning of intended unrolling.
+OPTIONS = {
+    "cfg_optimization": False,
+    "cache_loop_invariant_global_vars": False,
+    "opt_level": 0,
+    "unrolling_limit": 0,
+}
 
 
 def in_own_memory(field, shape):
@@ -111,8 +119,8 @@ def sine_by_f32(angle):
 
 @contextmanager
 def less_optimised(wanted: bool):
-    """Context in which kernels, if ``wanted``, are optimised by LLVM and not by the language: compiling takes 40 % less
-    time, the kernels run an eighth slower, and the last bits differ."""
+    """Context in which kernels, if ``wanted``, are optimised by LLVM and not by the language: compiling takes up to a
+    fifth less time, the kernels run up to a tenth slower, and the last bits differ."""
     settings = ti.lang.impl.current_cfg()
     before, settings.advanced_optimization = settings.advanced_optimization, not wanted
     try:

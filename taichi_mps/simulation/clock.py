@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from ..runtime.caches import kernels
-from ..runtime.stages import ONE_THREAD_BELOW_ROWS, OPTIMISED_FROM_ROWS
+from ..runtime.stages import ONE_THREAD_BELOW_ROWS
 from ..runtime.workarounds import LANGUAGE
 from ..terms.constants import CREEP
 from .forecast import cost_of, own_step, particles_of
@@ -23,13 +23,7 @@ START, REPORT = 1.0, 0.5  # [s]: Python, Taichi and the scene; the page, of a sm
 IMPORT = 0.32  # [s] of the processor, of START, for the import of the command line: inferred from runs on an Intel Xeon
 MAX_SLOWNESS = 4.0  # of a machine; beyond it the process has done more than import the command line
 READY = {False: 2.0, True: 2.3}  # [s] of the first step, in space or not, with kernels compiled before
-# [s] of the first step with kernels compiled anew, and more for each wall; in space or not, optimised or not
-COMPILING = {
-    (False, False): (2.8, 0.2),
-    (False, True): (3.2, 1.2),
-    (True, False): (2.8, 0.9),
-    (True, True): (4.0, 2.2),
-}
+COMPILING = {False: (2.8, 0.2), True: (2.8, 0.9)}  # [s] with kernels compiled anew, and more for each wall
 ROW = 4e-3  # [s] of the measures and the row of a step
 PICTURE, FILM = 0.17, 0.3  # [s] of a picture, of animation and curves
 TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
@@ -62,7 +56,7 @@ class Clock:
         team = rows >= ONE_THREAD_BELOW_ROWS and in_space
         self.threads, self.precision = settings["threads"] if team else 1, settings["precision"]
         self.cold = not any(kernels(LANGUAGE).glob("*/*"))  # nothing was compiled on this machine
-        first, each = COMPILING[in_space, rows >= OPTIMISED_FROM_ROWS]
+        first, each = COMPILING[in_space]
         ready = first + each * len(() if problem.wall_particles else scene.walls)
         if not self.cold:  # which of these kernels is among those compiled is not known
             ready = math.sqrt(ready * READY[in_space])
