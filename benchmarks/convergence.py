@@ -72,8 +72,8 @@ def runs(model: str, spacing: float, mix: str, step: float, again: str = "") -> 
 def point(**settings) -> dict:
     """Results of each run of a point: errors [m], time of rest [s], residuals, iterations, steps and CPU-seconds."""
     import taichi_mps as mps
-    from taichi_mps.problem.problem import Problem
-    from taichi_mps.simulation.forecast import own_step
+    from taichi_mps.engine.problem.problem import Problem
+    from taichi_mps.forecast.cost import own_step
 
     tau, eta = map(float, settings["mix"].split(","))
     (known, *exact), found, start = models.finite_elements(tau, eta), {}, None

@@ -32,7 +32,7 @@ import numpy as np
 import points
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 
 CARRIED = "x", "u", "p", "shear_rate", "stress", "plastic_rate"
 COARSE = {"spacing": 0.02}

@@ -21,9 +21,9 @@ import numpy as np
 import points
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation.forecast import own_step
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.forecast.cost import own_step
+from taichi_mps.input import catalogue
 from validation import flows, fluids, provenance, slumps, with_wall_particles
 
 LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM = "literal", "semi-implicit", "bi-viscosity", "implicit"
@@ -141,7 +141,7 @@ def one_run(flow, scheme, size, step, budget, seed) -> dict:
     if (
         scheme not in (LITERAL, PRACTICE) and step > 1.0
     ):  # longer than the engine takes by itself, which no limit asks for
-        sim.scheme.constants.max_time_step *= step
+        sim.scheme.constants.time_step.longest *= step
     if reading:
         measure, interval = reading
         sim.every(interval, lambda s: read.append((s.time, s.measures()[measure])))

@@ -1,7 +1,8 @@
 """Architecture: who may import whom, read from the source with ast; an import of the package is instant.
 
 The rule: a room imports only from rooms before it in the list of pyproject.toml; terms do not import each other, but
-all may import the constitutive law and the constants.
+all may import the constitutive law and the constants. The engine imports units and spelling alone, and hands outward
+what its list says.
 """
 
 import ast
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 import tomlkit
 
+from taichi_mps import engine
 from tests.support.child import child
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -19,7 +21,7 @@ PACKAGE = ROOT / "taichi_mps"
 SETTINGS = tomlkit.parse((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LAYERS = SETTINGS["tool"]["taichi-mps"]["layers"]
 LOOSE = {"__init__", "__main__", "spelling", "units"}  # all else lives in a room
-SHARED_TERMS = {"terms.rheology", "terms.constants"}
+SHARED_TERMS = {"engine.terms.rheology", "engine.terms.constants"}
 
 
 def module_name(path):
@@ -54,7 +56,8 @@ def top_level(tree):
 
 
 def room(name):
-    return name.split(".")[0]
+    parts = name.split(".")
+    return ".".join(parts[: 1 + (parts[0] == "engine")])
 
 
 @pytest.mark.parametrize("name", [name for name in PLAIN if name not in LOOSE - {"units"}])
@@ -63,8 +66,25 @@ def test_a_room_imports_only_from_rooms_before_it(name):
         assert LAYERS.index(room(other)) <= LAYERS.index(room(name)), f"{name} imports {other}"
 
 
+def test_the_engine_has_one_border():
+    """Inward only units and spelling; outward only the names of its list, from itself and from none of its rooms."""
+    for name, tree in MODULES.items():
+        inside = name.startswith("engine.")
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.ImportFrom) or not node.level:
+                continue
+            target = ".".join([*name.split(".")[: -node.level], *filter(None, [node.module])])
+            if inside:
+                assert target.split(".")[0] in ("engine", "units", "spelling"), f"{name} imports {target}"
+            elif target.split(".")[0] == "engine":
+                assert target == "engine" and {each.name for each in node.names} <= set(engine.__all__), name
+    for module, names in engine._OUTWARD.items():
+        assert all(getattr(engine, each) is not None for each in names), module
+
+
 def test_every_room_stands_in_the_list_and_nothing_lies_loose():
-    assert {room(name) for name in MODULES} - LOOSE == set(LAYERS) - LOOSE
+    assert {room(name) for name in MODULES} - LOOSE - {"engine.__init__"} == set(LAYERS) - LOOSE
+    assert len([path for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()]) <= 9
     assert {name for name in MODULES if "." not in name} <= LOOSE
 
 
@@ -72,13 +92,14 @@ def test_rooms_say_what_lives_there_and_what_to_read_first():
     for name in set(LAYERS) - LOOSE:
         text = ast.get_docstring(MODULES[f"{name}.__init__"]) or ""
         first = re.search(r"Read (\w+\.py) first", text)
-        assert len(text) > 100 and first and (PACKAGE / name / first[1]).is_file(), f"{name}/__init__.py"
+        there = first and PACKAGE.joinpath(*name.split("."), first[1]).is_file()
+        assert len(text) > 100 and there, f"{name}/__init__.py"
 
 
 def test_terms_do_not_import_each_other():
     for name in PLAIN:
-        if room(name) == "terms":
-            others = {other for other in imports(name, MODULES[name]) if room(other) == "terms"}
+        if room(name) == "engine.terms":
+            others = {other for other in imports(name, MODULES[name]) if room(other) == "engine.terms"}
             assert others <= SHARED_TERMS, f"{name} imports {others - SHARED_TERMS}"
 
 
@@ -110,7 +131,7 @@ def test_only_the_room_runtime_imports_taichi(name):
     names = [a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names]
     names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and not node.level]
     uses_taichi = any(item.split(".")[0] in ("taichi", "quadrants") for item in names)
-    assert not uses_taichi or room(name) == "runtime"
+    assert not uses_taichi or room(name) == "engine.runtime"
 
 
 def test_nothing_in_the_package_runs_data():
@@ -126,7 +147,7 @@ def test_taichi_is_never_started_at_import(name):
     calls = {ast.unparse(node.func) for node in top_level(MODULES[name]) if isinstance(node, ast.Call)}
     assert not calls & {"ti.init", "init", "backend.init"}
     everywhere = {ast.unparse(node.func) for node in ast.walk(MODULES[name]) if isinstance(node, ast.Call)}
-    assert ("ti.init" in everywhere) == (name == "runtime.backend")
+    assert ("ti.init" in everywhere) == (name == "engine.runtime.backend")
 
 
 LARGE = {"taichi", "h5py", "matplotlib", "meshio", "imageio", "scipy", "pysplashsurf"}

@@ -13,9 +13,9 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
 from taichi_mps.cli import run as run_module
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder, write_whole
-from taichi_mps.problem import catalogue
 from taichi_mps.units import user_path
 from tests.support.child import ROOT
 from tests.support.recorded import contents, recorded

@@ -5,8 +5,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from taichi_mps.runtime import backend, workarounds
-from taichi_mps.runtime.backend import ti
+from taichi_mps.engine.runtime import backend, workarounds
+from taichi_mps.engine.runtime.backend import ti
 from tests.support.child import child
 
 only_taichi = pytest.mark.skipif(workarounds.LANGUAGE != "taichi", reason="a patch of Taichi")
@@ -92,7 +92,7 @@ def test_fields_are_refused_before_the_tree_that_kills_the_process(monkeypatch):
 
 # ---- silence and speed ----------------------------------------------------------------------------------------------
 def test_import_says_nothing():
-    done = child("-c", "import taichi_mps.runtime.backend")
+    done = child("-c", "import taichi_mps.engine.runtime.backend")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
@@ -100,7 +100,7 @@ def test_import_says_nothing():
 def test_the_language_does_not_warn_of_its_own_source(tmp_path):
     """Compiled at its first import, as by uv, Taichi's source gives no warning of an escape sequence."""
     settings = {"PYTHONWARNINGS": "default", "PYTHONPYCACHEPREFIX": str(tmp_path)}
-    done = child("-c", "import taichi_mps.runtime.backend", **settings)
+    done = child("-c", "import taichi_mps.engine.runtime.backend", **settings)
     assert done.returncode == 0
     assert "escape" not in done.stderr
 
@@ -117,7 +117,7 @@ def test_a_kernel_that_does_not_compile_names_its_line():
 
 
 PATCHED = """
-import taichi_mps.runtime.backend
+import taichi_mps.engine.runtime.backend
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 print(ASTTransformerContext.get_pos_info.__module__.startswith("taichi_mps"))
 """
@@ -134,8 +134,8 @@ import io, sys
 from contextlib import redirect_stdout
 import numpy as np
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.terms import constants, shifting
+from taichi_mps.input import catalogue
+from taichi_mps.engine.terms import constants, shifting
 constants.EARLY_MAX_REDUCTION = 0.0  # solves while the body falls go to the tolerance, too
 shifting.PERTURBATION = 0.0  # its look of chance takes the last bits of positions
 with redirect_stdout(io.StringIO()):

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.measures import still
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.simulation.frame import Frame, interpolate
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import still
-from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation.frame import Frame, interpolate
 
 RINGS = {"model": "axisymmetric", "spacing": 0.02, "yield_value": 500.0}
 

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.measures import Snapshot
+from taichi_mps.input import catalogue
 from taichi_mps.io.history import RESIDUALS
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import Snapshot
 
 
 class Falling:
