@@ -26,7 +26,8 @@ import points
 import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.engine.runtime.stages import ONE_THREAD_BELOW_ROWS
-from taichi_mps.forecast.cost import MEASURED, cost_of, memory_of, pairs_of
+from taichi_mps.engine.simulation.memory import memory_of, pairs_of
+from taichi_mps.forecast.cost import MEASURED, cost_of
 from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.recorder import Recorder

@@ -22,7 +22,6 @@ import points
 
 import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.forecast.cost import own_step
 from taichi_mps.input import catalogue
 from validation import flows, fluids, provenance, slumps, with_wall_particles
 
@@ -112,7 +111,7 @@ def numerics_of(scheme, step, scene):
         return mps.SemiImplicit(literal=scheme == LITERAL, **bounds)
     if step == 1.0:
         return mps.Implicit()
-    return mps.Implicit(courant_number=0.2 * step, max_time_step=min(1.0, step) * own_step(Problem(scene)))
+    return mps.Implicit(courant_number=0.2 * step, max_time_step=min(1.0, step) * Problem(scene).time_step.longest)
 
 
 def point(flow, scheme, size, step, budget=None) -> dict:

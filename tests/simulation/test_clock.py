@@ -10,6 +10,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.runtime import backend
 from taichi_mps.engine.simulation.pouring import Pouring
 from taichi_mps.engine.simulation.rest import Rest
 from taichi_mps.forecast import clock
@@ -37,7 +38,7 @@ SETTING_UP, STEP = 3.5, 0.006  # [s] of a warm run of rings without its flow, of
 @pytest.fixture
 def kernels(monkeypatch, tmp_path):
     """Folder of compiled kernels, an empty one."""
-    monkeypatch.setattr(clock, "kernels", lambda language: tmp_path)
+    monkeypatch.setattr(backend, "kernels", lambda language: tmp_path)
     return tmp_path / "ticache" / "a.tic"
 
 

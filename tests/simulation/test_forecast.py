@@ -12,8 +12,9 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.engine.runtime import memory
+from taichi_mps.engine.simulation.memory import memory_of, pairs_of
 from taichi_mps.forecast import cost
-from taichi_mps.forecast.cost import LANDING_RATIO, cost_of, memory_of, pairs_of
+from taichi_mps.forecast.cost import LANDING_RATIO, cost_of
 from taichi_mps.input import catalogue
 from tests.support.child import child
 

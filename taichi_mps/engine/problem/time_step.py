@@ -49,7 +49,7 @@ class TimeStep:
         )
         self.falls = yields and quiet > longest  # whether a yielding fluid falls faster than its viscosity lets it flow
         self.longest = min(longest, self.limit)
-        self.quiet_step = quiet if self.falls else longest
+        self.quiet_step = min(quiet if self.falls else longest, self.limit)
         self.creeps = yields  # whether a decaying flow takes longer steps
         # T [s], in which viscosity, the largest of the mixes, carries a motion through the body
         self.viscous_time = min(m.density / m.typical_slope for m in materials) * height**2
@@ -72,4 +72,4 @@ class TimeStep:
 
     def longest_in(self, decay: float) -> float:
         """Longest step [s] of a quiet flow whose speed falls to 1/e in a ``decay`` [s]."""
-        return max(self.quiet_step, CREEP * decay * self.creeps)
+        return min(max(self.quiet_step, CREEP * decay * self.creeps), self.limit)
