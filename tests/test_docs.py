@@ -68,8 +68,11 @@ equation_index = load(DOCS / "equation_index.py")
 
 def modules():
     """Files of the package by their dotted names, those of the engine from there and from the package."""
-    files = [(path.relative_to(folder), path) for folder in (PACKAGE, ENGINE) for path in folder.rglob("*.py")]
-    return {".".join(name.with_suffix("").parts): path for name, path in files}
+    return {
+        ".".join(path.relative_to(folder).with_suffix("").parts): path
+        for folder in (PACKAGE, ENGINE)
+        for path in folder.rglob("*.py")
+    }
 
 
 def names(path):

@@ -8,6 +8,7 @@ what its list says.
 import ast
 import re
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -32,17 +33,19 @@ MODULES = {module_name(p): ast.parse(p.read_text(encoding="utf-8")) for p in sor
 PLAIN = [name for name in MODULES if not name.endswith(("__init__", "__main__")) and not name.startswith("scenes.")]
 
 
+def targets(name, tree):
+    """(module or room, names) of each import from the package by a module, anywhere in its text."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            path = [*name.split(".")[: -node.level], node.module] if node.level else (node.module or "").split(".")[1:]
+            if node.level or node.module.startswith("taichi_mps"):
+                yield ".".join(filter(None, path)), [each.name for each in node.names]
+
+
 def imports(name, tree):
     """Modules of the package that a module imports, anywhere in its text."""
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            base = name.split(".")[: -node.level]
-            target = ".".join([*base, *(node.module.split(".") if node.module else [])])
-            found |= {target} if target in MODULES else {f"{target}.{a.name}".lstrip(".") for a in node.names}
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("taichi_mps"):
-            found.add(node.module.removeprefix("taichi_mps").lstrip("."))
-    return {item for item in found if item in MODULES}
+    found = {f"{target}.{each}".lstrip(".") for target, names in targets(name, tree) for each in names}
+    return (found | {target for target, _ in targets(name, tree)}) & MODULES.keys()
 
 
 def top_level(tree):
@@ -56,8 +59,7 @@ def top_level(tree):
 
 
 def room(name):
-    parts = name.split(".")
-    return ".".join(parts[: 1 + (parts[0] == "engine")])
+    return ".".join(name.split(".")[: 1 + name.startswith("engine.")])
 
 
 @pytest.mark.parametrize("name", [name for name in PLAIN if name not in LOOSE - {"units"}])
@@ -69,17 +71,29 @@ def test_a_room_imports_only_from_rooms_before_it(name):
 def test_the_engine_has_one_border():
     """Inward only units and spelling; outward only the names of its list, from itself and from none of its rooms."""
     for name, tree in MODULES.items():
-        inside = name.startswith("engine.")
-        for node in ast.walk(tree):
-            if not isinstance(node, ast.ImportFrom) or not node.level:
-                continue
-            target = ".".join([*name.split(".")[: -node.level], *filter(None, [node.module])])
-            if inside:
+        for target, names in targets(name, tree):
+            if name.startswith("engine."):
                 assert target.split(".")[0] in ("engine", "units", "spelling"), f"{name} imports {target}"
             elif target.split(".")[0] == "engine":
-                assert target == "engine" and {each.name for each in node.names} <= set(engine.__all__), name
-    for module, names in engine._OUTWARD.items():
-        assert all(getattr(engine, each) is not None for each in names), module
+                assert target == "engine" and set(names) <= set(engine.__all__), name
+    assert all(hasattr(engine, each) for each in engine.__all__)
+
+
+@pytest.mark.parametrize(
+    ("former", "now"),
+    [
+        ("problem.catalogue", "input.catalogue"),
+        ("problem.materials", "engine.problem.materials"),
+        ("simulation.forecast", "forecast.cost"),
+        ("runtime", "engine.runtime"),
+    ],
+)
+def test_modules_are_found_by_their_names_of_before(former, now):
+    """Until 0.5, as the same module: what a scene of 0.2 imports."""
+    found = import_module(f"taichi_mps.{former}")
+    assert found is import_module(f"taichi_mps.{now}") and found.__spec__.name == f"taichi_mps.{now}"
+    parent, _, name = former.rpartition(".")
+    assert not parent or getattr(__import__(f"taichi_mps.{parent}", fromlist=[name]), name) is found
 
 
 def test_every_room_stands_in_the_list_and_nothing_lies_loose():

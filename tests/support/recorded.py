@@ -49,8 +49,13 @@ class Falling:
         return self.scene.measure(self.snapshot())
 
     def facts(self):
-        known = {"scene": self.scene.name, "scheme": "falling", "steps": self.steps, "volume_error": float("nan")}
-        return known | self.measures()
+        return {
+            "scene": self.scene.name,
+            "scheme": "falling",
+            "steps": self.steps,
+            "volume_error": float("nan"),
+            **self.measures(),
+        }
 
     def state(self):
         scalars = {"time": self.time, "steps": self.steps, "last_dt": None, "rest": {"since": 0.1 + 0.2}}
