@@ -16,8 +16,11 @@ from .step_report import StepReport
 
 SPEED2_IF_NOT_FINITE = 1e12  # squared speed [m2/s2] that replaces one that is not finite
 MAX_LOST_FRACTION = 0.2  # of the volume; impacts and thin films lose up to 0.05 (docs/stability.md)
-SUMS, SOLVE, RESIDUALS = 14, 3, 3
-PACKING_SUMS = [7, 8, 9, 10]  # indices of the sums from which the volume error follows
+# places of the sums over the fluid; v: the velocity in the frame, enclosed: particles with a full neighbourhood, many:
+# those with many neighbours, for in pairs or clumps they have a large surface normal and would pass for a surface
+NUMBER, MAX_U2, V, V_U2, V_V4, M_U2, UNYIELDED, PACKING, ENCLOSED, PACKING_MANY, MANY, V_A2, FLOWING, V_V2 = range(14)
+SUMS, SOLVE, RESIDUALS = V_V2 + 1, 3, 3
+PACKING_SUMS = [PACKING, ENCLOSED, PACKING_MANY, MANY]  # from which the volume error follows
 
 
 @ti.data_oriented
@@ -32,11 +35,7 @@ class Diagnostics:
         self.frame = fluid.frame  # (problem.py) [m/s]
         self.accelerates, self.lanes = "a" in fluid.particles.carried, lanes()
         self.nearly_all = 0.9 * fluid.lattice.neighbours
-        # 0 number, 1 max u^2, 2 sum V, 3 V u^2, 4 V v^4, 5 m u^2, 6 unyielded,
-        # 7 V packing and 8 V of enclosed particles, 9 V packing and 10 V of those with many neighbours: particles in
-        # pairs or clumps have a large surface normal, and would pass for a surface,
-        # 11 V a^2, 12 V of flowing particles, 13 V v^2, v the velocity in the frame;
-        # then the iterations of the step, of the last solve (r, z) over its reference and its status; the residuals
+        # sums, iterations of the step, of the last solve (r, z) over its reference and its status, residuals
         self.numbers = np.zeros(SUMS + SOLVE + RESIDUALS)
         self.packing = np.zeros(len(PACKING_SUMS))  # of the last step of all
         self.enclosed = 0.0  # part of the volume that has a full neighbourhood, from which the volume error is read [-]
@@ -50,31 +49,16 @@ class Diagnostics:
         self.numbers[:] = 0.0
         self._add(self.numbers)
         if left_out:
-            self.numbers[[0, 6]] += left_out
-            self.numbers[2] += left_out * self.particles.usual_volume
+            self.numbers[[NUMBER, UNYIELDED]] += left_out
+            self.numbers[V] += left_out * self.particles.usual_volume
             self.numbers[PACKING_SUMS] = self.packing
         else:
             self.packing = self.numbers[PACKING_SUMS]
         numbers = self.numbers.tolist()
-        (
-            count,
-            speed2,
-            total_volume,
-            volume_speed2,
-            volume_speed4,
-            energy,
-            unyielded,
-            packing,
-            volume,
-            packing_many,
-            volume_many,
-            volume_acceleration2,
-            flowing,
-            volume_frame_speed2,
-        ) = numbers[:SUMS]
+        volume, enclosed, many = numbers[V], numbers[ENCLOSED], numbers[MANY]
         solves, ratio, status = numbers[SUMS:-RESIDUALS]
-        self.enclosed = volume / total_volume if total_volume else 0.0
-        self.lost_volume = volume_many - volume_many**2 / packing_many if volume_many else 0.0
+        self.enclosed = enclosed / volume if volume else 0.0
+        self.lost_volume = many - many**2 / numbers[PACKING_MANY] if many else 0.0
         self.solve_status = STATUS[int(status)]
         residuals = self.residuals.of(numbers[-RESIDUALS:]) if self.residuals else (math.nan, math.nan)
         return StepReport(
@@ -82,19 +66,19 @@ class Diagnostics:
             time=0.0,
             dt=dt,
             dt_limit="",
-            max_speed=math.sqrt(speed2),
-            mean_speed=math.sqrt(volume_speed2 / total_volume) if total_volume else 0.0,
-            moving_speed=math.sqrt(volume_speed4 / volume_frame_speed2) if volume_frame_speed2 else 0.0,
-            acceleration=math.sqrt(volume_acceleration2 / total_volume) if total_volume else 0.0,
-            kinetic_energy=0.5 * energy,
-            unyielded_fraction=unyielded / count,
-            flowing_fraction=flowing / total_volume if total_volume else 0.0,
+            max_speed=math.sqrt(numbers[MAX_U2]),
+            mean_speed=math.sqrt(numbers[V_U2] / volume) if volume else 0.0,
+            moving_speed=math.sqrt(numbers[V_V4] / numbers[V_V2]) if numbers[V_V2] else 0.0,
+            acceleration=math.sqrt(numbers[V_A2] / volume) if volume else 0.0,
+            kinetic_energy=0.5 * numbers[M_U2],
+            unyielded_fraction=numbers[UNYIELDED] / numbers[NUMBER],
+            flowing_fraction=numbers[FLOWING] / volume if volume else 0.0,
             outer_iterations=iterations,
             solver_iterations=int(solves),
             residual=abs(ratio) ** 0.5,
             strain_rate_residual=residuals[0],
             divergence_residual=residuals[1],
-            volume_error=volume / packing - 1.0 if volume else 0.0,
+            volume_error=enclosed / numbers[PACKING] - 1.0 if enclosed else 0.0,
         )
 
     def failure(self, report: StepReport, runaway_speed: float, volume: float) -> str | None:
@@ -123,29 +107,29 @@ class Diagnostics:
                     u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)
                     if not (u2 < SPEED2_IF_NOT_FINITE):
                         u2 = SPEED2_IF_NOT_FINITE
-                    lane_sums[0] += 1
-                    lane_sums[1] = ti.max(lane_sums[1], u2)
-                    lane_sums[2] += volume
-                    lane_sums[3] += volume * u2
+                    lane_sums[NUMBER] += 1
+                    lane_sums[MAX_U2] = ti.max(lane_sums[MAX_U2], u2)
+                    lane_sums[V] += volume
+                    lane_sums[V_U2] += volume * u2
                     v2 = ti.cast((self.particles.u[i] - ti.Vector(self.frame, dt=float)).norm_sqr(), ti.f64)
                     if not (v2 < SPEED2_IF_NOT_FINITE):
                         v2 = SPEED2_IF_NOT_FINITE
-                    lane_sums[4] += volume * v2 * v2
-                    lane_sums[13] += volume * v2
-                    lane_sums[5] += volume * u2 * self.material.density_of(i)
-                    lane_sums[6] += 1 - self.yielded[i]
+                    lane_sums[V_V4] += volume * v2 * v2
+                    lane_sums[V_V2] += volume * v2
+                    lane_sums[M_U2] += volume * u2 * self.material.density_of(i)
+                    lane_sums[UNYIELDED] += 1 - self.yielded[i]
                     if self.gradient.enclosed(i):
-                        lane_sums[7] += volume * self.gradient.packing[i]
-                        lane_sums[8] += volume
+                        lane_sums[PACKING] += volume * self.gradient.packing[i]
+                        lane_sums[ENCLOSED] += volume
                     if self.gradient.neighbour_count[i] >= self.nearly_all:
-                        lane_sums[9] += volume * self.gradient.packing[i]
-                        lane_sums[10] += volume
+                        lane_sums[PACKING_MANY] += volume * self.gradient.packing[i]
+                        lane_sums[MANY] += volume
                     if ti.static(self.accelerates):
-                        lane_sums[11] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
+                        lane_sums[V_A2] += volume * ti.cast(self.particles.a[i].norm_sqr(), ti.f64)
                     if self.material.flows(i, self.particles.shear_rate[i]):
-                        lane_sums[12] += volume
+                        lane_sums[FLOWING] += volume
             for n in ti.static(range(SUMS)):
-                if ti.static(n == 1):
+                if ti.static(n == MAX_U2):
                     ti.atomic_max(sums[n], lane_sums[n])
                 else:
                     sums[n] += lane_sums[n]
