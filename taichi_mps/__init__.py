@@ -2,7 +2,7 @@
 
 import sys
 from importlib import import_module
-from importlib.util import spec_from_loader
+from importlib.util import find_spec, spec_from_loader
 
 __version__ = "0.3.0.dev0"
 
@@ -80,25 +80,22 @@ _MOVED = {
 class _Moved:
     """Finder and loader of modules by their former names."""
 
-    @classmethod
-    def find_spec(cls, name, path=None, target=None):
-        if not name.startswith(f"{__name__}."):
-            return None
+    @staticmethod
+    def find_spec(name, path=None, target=None):
         former = name.removeprefix(f"{__name__}.").removeprefix("engine.")
-        if former not in _MOVED and (former.split(".")[0] not in _ROOMS or name.startswith(f"{__name__}.engine")):
-            return None
-        module = import_module(f".{_MOVED.get(former, f'engine.{former}')}", __name__)
-        spec = spec_from_loader(name, cls)
-        spec.loader_state = module, module.__spec__
-        return spec
+        inside = name.startswith(f"{__name__}.engine")
+        if name.startswith(f"{__name__}.") and (former in _MOVED or former.split(".")[0] in _ROOMS and not inside):
+            now = f"{__name__}.{_MOVED.get(former, f'engine.{former}')}"
+            return find_spec(now) and spec_from_loader(name, _Moved, origin=now)
+        return None
 
     @staticmethod
     def create_module(spec):
-        return spec.loader_state[0]
+        """A module of the former name stands only until the other is imported."""
 
     @staticmethod
     def exec_module(module):
-        module.__spec__ = module.__spec__.loader_state[1]  # as before this import
+        sys.modules[module.__name__] = import_module(module.__spec__.origin)
 
 
 sys.meta_path.insert(0, _Moved)
@@ -109,8 +106,8 @@ __all__ = ["measure", "rest_shapes", *_MODULE_OF]
 def __getattr__(name):
     if name in _MODULE_OF:
         return getattr(import_module(f".{_MODULE_OF[name]}", __name__), name)
-    if name in _MODULES:
-        return import_module(f".{_MODULES[name]}", __name__)
+    if name in _MODULES or name in _ROOMS:
+        return import_module(f".{_MODULES.get(name, name)}", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -57,7 +57,7 @@ def cost_of(problem: Problem) -> Cost:
     path = min(path, end * math.sqrt(2.0 * problem.gravity * problem.height))
     # a jolt is one fall more
     path = (1 + len(scene.jolts)) * path if scene.jolts else path + end * problem.speed
-    steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / problem.time_step.quiet_step
+    steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(problem, quiet=True)
     usual = max(steps, MIN_STEPS)
     seconds = usual * seconds_of_a_step(particles, particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
     seconds = known[2].cpu_seconds if known and known[2] else float(seconds)
@@ -82,7 +82,7 @@ def cost_of_pour(problem: Problem) -> Cost:
     flows = [(time >= pour.start) & (time < pour.start + pour.layers * pour.interval) for pour in pours]
     landing = [here * landing_speed(problem, pour, time, level) for here, pour in zip(flows, pours, strict=True)]
     speed = np.maximum(np.max(landing, axis=0), max((wall.speed for wall in scene.walls), default=0.0))
-    step = np.where(np.any(flows, axis=0), problem.time_step.longest, problem.time_step.quiet_step)
+    step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, quiet=True))
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / TIMES / step
     seconds = steps * iterations_factor(numerics) * seconds_of_a_step(particles, particles_of(problem))
@@ -109,6 +109,14 @@ def level_of(scene, volume):
     room = np.concatenate([[0.0], np.cumsum(cells.sum(axis=tuple(range(cells.ndim - 1))))])
     heights = scene.cavity.low[-1] + scene.cavity.cell[-1] * np.arange(len(room))
     return np.interp(volume, room * float(np.prod(scene.cavity.cell)), heights)
+
+
+def own_step(problem: Problem, quiet: bool = False) -> float:
+    """Longest step [s] in a slow flow; ``quiet``: when it only settles. That of ``semi-implicit`` is given."""
+    rule = problem.time_step
+    return (
+        problem.numerics.max_time_step if problem.scheme != "implicit" else rule.quiet_step if quiet else rule.longest
+    )
 
 
 def seconds_of_a_step(particles, at_end: int):

@@ -248,7 +248,8 @@ class Checkpoint:
         SceneError
             If the state is not one of this version.
         """
-        from ..engine import DUMMY, FLUID, WALL, Simulation
+        from ..engine import DUMMY, FLUID, WALL
+        from .notebook import Simulation
 
         sim = Simulation(problem, profile=profile)
         rows = sim.particles.count[None]

@@ -12,7 +12,8 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
-from ..engine import Problem, Scene, Simulation, init, require_room, session
+from ..engine import Problem, Scene, init, require_room, session
+from ..io.notebook import Simulation
 
 # of a scene: read at every step or at the end, by no kernel; the material has its own entry
 FREE = ("material", "until", "parameters", "measure", "over_time", "check", "outline", "mould", "vessel")

@@ -137,7 +137,7 @@ def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, sch
             replace(good, state=state).resume(good.admit(scene))
     sim = good.resume(good.admit(scene))
     assert recorded(parts, sim) == "time"
-    assert bits(sim) == end
+    assert bits(sim) == end and sim.summary()["steps"] == sim.steps
 
     outputs = [list(Trajectory(folder.trajectory).replay(scene=scene)) for folder in (whole, parts)]
     assert [frame.time for frame in outputs[0]] == [frame.time for frame in outputs[1]]

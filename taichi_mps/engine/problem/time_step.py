@@ -1,4 +1,4 @@
-"""The rule of the time step of ``implicit``: how long a step may be (I15), plain Python."""
+"""The rule of the time step of ``implicit``: how long a step may be (I14), plain Python."""
 
 import math
 from dataclasses import dataclass

@@ -421,7 +421,7 @@ class Simulation:
         Returns
         -------
         dict
-            Content of summary.json, JSON-ready, without the errors to be expected.
+            Content of summary.json, JSON-ready, but for the version and the errors to be expected.
         """
         return facts_of(self)
 

@@ -4,7 +4,7 @@ pressure, in fields, so that another material needs no compilation; and the base
 import numpy as np
 
 from ..problem.materials import FLOW_THRESHOLD
-from ..problem.time_step import LONG
+from ..problem.time_step import LONG, TimeStep
 from ..runtime.backend import real, ti
 from ..runtime.stages import flush
 
@@ -82,7 +82,7 @@ class Constants:
         self.of_laws = [getattr(materials[k], name) for k, law in self.laws.items() for name in law.keys]
         height, gravity, speed = problem.height, problem.gravity, problem.speed
         head = gravity * height + speed**2  # expected pressure over the density [m2/s2]
-        rule = self.time_step = problem.time_step
+        rule = self.time_step = TimeStep(problem)
         self.rate = head**0.5 / height  # scale of the residuals of the outer iterations [1/s]
         step = rule.natural
         density = max(m.density for m in materials)

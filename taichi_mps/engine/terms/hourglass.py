@@ -2,7 +2,7 @@
 
     h = c eta_a + rho l0^2/(2 T) + ...,    c = 0.6,    at least 2 p dt,
 
-eta_a the apparent viscosity at the rate of the bonds, T the natural step of the scene (constants.py).
+eta_a the apparent viscosity at the rate of the bonds, T the natural step of the scene (time_step.py).
 
 A part of it is taken back: what the change of the gradient explains. Where the velocity is curved, the linear fits at
 both ends of a bond leave the same, c = (delta_ij + delta_ji)/2, with delta_ij = u_j - u_i - G_i r_ij; where particles
