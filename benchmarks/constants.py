@@ -46,14 +46,14 @@ def point(name: str = "", file: str = "", factor: float = 1.0, seed: int = 0) ->
     """Slump and slump flow [m] of the cone, mean speed [m/s] of the film."""
     numerics = {}
     if name:  # before anything else takes the constant from its module
-        module = importlib.import_module("taichi_mps." + file.replace("/", "."))
+        module = importlib.import_module("taichi_mps.engine." + file.replace("/", "."))
         holder, _, last = name.rpartition(".")
         if holder:
             numerics = {last: scaled(name, getattr(module, holder).model_fields[last].default, factor)}
         else:
             setattr(module, name, scaled(name, getattr(module, name), factor))
     import taichi_mps as mps
-    from taichi_mps.problem import catalogue
+    from taichi_mps.input import catalogue
 
     mps.init(threads=1)
     weight = 2300.0 * 9.81 * np.sin(np.radians(25.0)) * 0.1  # of the film, on the slope [Pa]

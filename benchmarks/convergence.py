@@ -72,8 +72,7 @@ def runs(model: str, spacing: float, mix: str, step: float, again: str = "") -> 
 def point(**settings) -> dict:
     """Results of each run of a point: errors [m], time of rest [s], residuals, iterations, steps and CPU-seconds."""
     import taichi_mps as mps
-    from taichi_mps.problem.problem import Problem
-    from taichi_mps.simulation.forecast import own_step
+    from taichi_mps.engine.problem.problem import Problem
 
     tau, eta = map(float, settings["mix"].split(","))
     (known, *exact), found, start = models.finite_elements(tau, eta), {}, None
@@ -82,7 +81,7 @@ def point(**settings) -> dict:
     scene = mps.slump_cone(model=settings["model"], spacing=settings["spacing"], **mix)
     step, usual = settings["step"], mps.Implicit()
     # nothing bounds the steps of the scene: quiet flows take longer ones
-    bounds = {"max_time_step": step * own_step(Problem(scene)), "courant_number": step * usual.courant_number}
+    bounds = {"max_time_step": step * Problem(scene).time_step.longest, "courant_number": step * usual.courant_number}
     for name, numbers in runs(**settings).items():
         numerics = mps.Implicit(**numbers, **(bounds if step < 1.0 else {}))
         if start is None:

@@ -24,13 +24,14 @@ import numpy as np
 import points
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.runtime.stages import ONE_THREAD_BELOW_ROWS
+from taichi_mps.engine.simulation.memory import memory_of, pairs_of
+from taichi_mps.forecast.cost import MEASURED, cost_of
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.problem import Problem
-from taichi_mps.runtime.stages import ONE_THREAD_BELOW_ROWS
-from taichi_mps.simulation.forecast import MEASURED, cost_of, memory_of, pairs_of
 
 RESULTS, RUNS = points.RESULTS / "cubic_metre.json", points.ROOT / "renders/cubic_metre"
 WALL = {"width": 0.2, "bar_diameter": 0.01, "cover": 0.025, "hose": "moving", "hose_diameter": 0.1}

@@ -32,7 +32,6 @@ import numpy as np
 import points
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
 
 CARRIED = "x", "u", "p", "shear_rate", "stress", "plastic_rate"
 COARSE = {"spacing": 0.02}
@@ -113,7 +112,7 @@ SHORT = "film", "still_pool", "slump quarter", "Herschel-Bulkley", "slump semi-i
 # ---- scenes ---------------------------------------------------------------------------------------------------------
 def built_in(name: str, **keywords):
     """A scene of the folder scenes/ of the checkout that is imported."""
-    return catalogue.load(name)(**keywords)
+    return mps.catalogue.load(name)(**keywords)
 
 
 def friction(model="full"):

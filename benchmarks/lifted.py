@@ -53,7 +53,7 @@ def point(model: str, spacing: float, speed: float | None) -> dict:
 def ours(model: str, spacing: float, speed: float | None) -> dict:
     """What this engine finds, compiled once."""
     import taichi_mps as mps
-    from taichi_mps.problem.problem import Problem
+    from taichi_mps.engine.problem.problem import Problem
 
     mps.init(threads=1)
     cone = {"model": "full" if model == WHOLE else "axisymmetric", "spacing": spacing, "lift_speed": speed}
@@ -65,7 +65,7 @@ def ours(model: str, spacing: float, speed: float | None) -> dict:
         sim = sim or mps.Simulation(scene)
         start = start or sim.state()
         for step in steps:
-            longest = None if step == 1.0 else step * sim.scheme.constants.max_time_step
+            longest = None if step == 1.0 else step * sim.scheme.constants.time_step.longest
             numerics, runs = mps.Implicit(max_time_step=longest), []
             for seed in range(count):
                 moved = {"x": start["x"] + points.aside(start["x"].shape, spacing, seed)}

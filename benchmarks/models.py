@@ -16,7 +16,7 @@ import numpy as np
 import points
 
 import taichi_mps as mps
-from taichi_mps.problem.accuracy import HEIGHT, MEASURED, Mix, ModelErrors
+from taichi_mps.forecast.accuracy import HEIGHT, MEASURED, Mix, ModelErrors
 from validation import columns
 from validation.slumps import MILESTONES, inertial
 

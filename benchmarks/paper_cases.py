@@ -36,7 +36,7 @@ CASES |= {f"yield-{tau:g}": dict(scheme="implicit", yield_value=tau, until=5.0) 
 def run_case(name):
     """Run one case in this process and write its JSON."""
     import taichi_mps as mps
-    from taichi_mps.problem.numerics import NUMERICS
+    from taichi_mps.engine.problem.numerics import NUMERICS
 
     settings = CASES[name]
     tau_y, eta = PAPER[settings["case"]] if "case" in settings else (settings["yield_value"], 50.0)

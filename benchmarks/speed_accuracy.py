@@ -21,9 +21,8 @@ import numpy as np
 import points
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation.forecast import own_step
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.input import catalogue
 from validation import flows, fluids, provenance, slumps, with_wall_particles
 
 LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM = "literal", "semi-implicit", "bi-viscosity", "implicit"
@@ -112,7 +111,7 @@ def numerics_of(scheme, step, scene):
         return mps.SemiImplicit(literal=scheme == LITERAL, **bounds)
     if step == 1.0:
         return mps.Implicit()
-    return mps.Implicit(courant_number=0.2 * step, max_time_step=min(1.0, step) * own_step(Problem(scene)))
+    return mps.Implicit(courant_number=0.2 * step, max_time_step=min(1.0, step) * Problem(scene).time_step.longest)
 
 
 def point(flow, scheme, size, step, budget=None) -> dict:
@@ -141,7 +140,7 @@ def one_run(flow, scheme, size, step, budget, seed) -> dict:
     if (
         scheme not in (LITERAL, PRACTICE) and step > 1.0
     ):  # longer than the engine takes by itself, which no limit asks for
-        sim.scheme.constants.max_time_step *= step
+        sim.scheme.constants.time_step.longest *= step
     if reading:
         measure, interval = reading
         sim.every(interval, lambda s: read.append((s.time, s.measures()[measure])))

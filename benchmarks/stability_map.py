@@ -63,7 +63,7 @@ def point(diffusion, courant, bingham, ratio, scheme) -> dict:
     from dataclasses import replace
 
     import taichi_mps as mps
-    from taichi_mps.problem import catalogue
+    from taichi_mps.input import catalogue
     from validation.flows import l2, profile
 
     depth, along = ACROSS * L0, 9.81 * float(np.sin(np.radians(ANGLE)))

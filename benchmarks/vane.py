@@ -43,7 +43,7 @@ def cases() -> dict[str, dict]:
 def point(**keywords) -> dict:
     """One run to its end: the torques, read as the scene reads them."""
     import taichi_mps as mps
-    from taichi_mps.problem import catalogue
+    from taichi_mps.input import catalogue
 
     mps.init(threads=1)
     scene = catalogue.build("vane", **keywords)

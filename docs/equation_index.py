@@ -28,7 +28,8 @@ hide: [toc]
 # Index of equations, functions, tests
 
 Which function computes an equation, and which test checks it. A function is named by its room and module in
-`taichi_mps/`. (1) to (29) are the paper's, the others this project's. Written by `python docs/equation_index.py`.
+`taichi_mps/engine/`. (1) to (29) are the paper's, the others this project's. Written by
+`python docs/equation_index.py`.
 
 <div class="names" markdown>
 
@@ -74,7 +75,8 @@ def link(item: str, pages: dict[str, str]) -> str:
     """Markdown of a function or test, with a link to where its docstring and source are shown."""
     name = item.removesuffix(".py").replace(".py::", ".").replace("/", ".")
     if name == item:
-        name, parts = f"taichi_mps.{item}", item.split(".")
+        whole = item if (ROOT / "taichi_mps" / item.split(".")[0]).exists() else f"engine.{item}"
+        name, parts = f"taichi_mps.{whole}", whole.split(".")
         over = [".".join(parts[:k]) for k in range(2, len(parts) + 1)] * (not re.search(r"\._", item))
         page = next((pages[each] for each in over if each in pages), "functions")
     else:
@@ -94,7 +96,7 @@ def index() -> dict[Path, str]:
     for path, name, text in docstrings(ROOT / "taichi_mps"):
         for label in cited(text):
             module = ".".join(path.relative_to(ROOT / "taichi_mps").with_suffix("").parts)
-            code.setdefault(label, []).append(f"{module}.{name}")
+            code.setdefault(label, []).append(f"{module.removeprefix('engine.')}.{name}")
     for path, name, text in docstrings(ROOT / "tests"):
         for label in cited(text) if name.startswith("test_") else ():
             tests.setdefault(label, []).append(f"{path.relative_to(ROOT).as_posix()}::{name}")

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 from taichi_mps.units import Duration, Length, Speed
 
 # depth, height, diameter, centre in front of the column [m]

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo
 
 import taichi_mps as mps
-from taichi_mps.problem.tool_path import read_gcode, straight_runs
+from taichi_mps.input.tool_path import read_gcode, straight_runs
 from taichi_mps.units import Count, Duration, FlowRate, Length, Only, Source
 
 FAILED = 0.01  # by how much wider a foot has failed; it bears as much more, twice as much in a column

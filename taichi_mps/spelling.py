@@ -231,3 +231,8 @@ def in_unit(unit: str, value):
             raise
         kind = f"in {unit} or a unit of that kind" if unit else "without a unit, or in %"
         raise ValueError(f"must be a number {kind}") from None
+
+
+def size(number: float) -> str:
+    """Format a number of bytes as text: 1.2 GB, 350 MB."""
+    return f"{1e-9 * number:.3g} GB" if number >= 1e9 else f"{1e-6 * number:.0f} MB"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from taichi_mps.runtime import backend
+from taichi_mps.engine.runtime import backend
 
 TESTS = Path(__file__).parent
 

@@ -27,11 +27,12 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.engine.problem import measures
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.runtime import backend
+from taichi_mps.engine.simulation import simulation
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint, history, run_folder, vtkhdf, vtu
-from taichi_mps.problem import catalogue, measures
-from taichi_mps.problem.problem import Problem
-from taichi_mps.runtime import backend
-from taichi_mps.simulation import simulation
 from taichi_mps.study import calibrate, chart, emulator, mixes, require, sweep
 from taichi_mps.units import in_unit
 from taichi_mps.viz import plots, render

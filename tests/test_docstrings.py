@@ -18,7 +18,7 @@ from taichi_mps.units import Checked
 API = Path(__file__).resolve().parents[1] / "docs" / "api"
 PAGES = [page.read_text(encoding="utf-8") for page in sorted(API.glob("*.md")) if page.stem != "functions"]
 SHOWN = re.findall(r"^::: taichi_mps\.(\S+)$", "".join(PAGES), re.M)
-COMPILING = {"simulation.simulation", "io.checkpoint", "viz.render"}  # modules whose examples compile kernels
+COMPILING = {"engine.simulation.simulation", "io.checkpoint", "viz.render"}  # modules whose examples compile kernels
 NO_RESULT = {None, "None", type(None)}
 
 

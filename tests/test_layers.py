@@ -1,17 +1,20 @@
 """Architecture: who may import whom, read from the source with ast; an import of the package is instant.
 
 The rule: a room imports only from rooms before it in the list of pyproject.toml; terms do not import each other, but
-all may import the constitutive law and the constants.
+all may import the constitutive law and the constants. The engine imports units and spelling alone, and hands outward
+what its list says.
 """
 
 import ast
 import re
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 import tomlkit
 
+from taichi_mps import engine
 from tests.support.child import child
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -19,7 +22,7 @@ PACKAGE = ROOT / "taichi_mps"
 SETTINGS = tomlkit.parse((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LAYERS = SETTINGS["tool"]["taichi-mps"]["layers"]
 LOOSE = {"__init__", "__main__", "spelling", "units"}  # all else lives in a room
-SHARED_TERMS = {"terms.rheology", "terms.constants"}
+SHARED_TERMS = {"engine.terms.rheology", "engine.terms.constants"}
 
 
 def module_name(path):
@@ -30,17 +33,19 @@ MODULES = {module_name(p): ast.parse(p.read_text(encoding="utf-8")) for p in sor
 PLAIN = [name for name in MODULES if not name.endswith(("__init__", "__main__")) and not name.startswith("scenes.")]
 
 
+def targets(name, tree):
+    """(module or room, names) of each import from the package by a module, anywhere in its text."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            path = [*name.split(".")[: -node.level], node.module] if node.level else (node.module or "").split(".")[1:]
+            if node.level or node.module.startswith("taichi_mps"):
+                yield ".".join(filter(None, path)), [each.name for each in node.names]
+
+
 def imports(name, tree):
     """Modules of the package that a module imports, anywhere in its text."""
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            base = name.split(".")[: -node.level]
-            target = ".".join([*base, *(node.module.split(".") if node.module else [])])
-            found |= {target} if target in MODULES else {f"{target}.{a.name}".lstrip(".") for a in node.names}
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("taichi_mps"):
-            found.add(node.module.removeprefix("taichi_mps").lstrip("."))
-    return {item for item in found if item in MODULES}
+    found = {f"{target}.{each}".lstrip(".") for target, names in targets(name, tree) for each in names}
+    return (found | {target for target, _ in targets(name, tree)}) & MODULES.keys()
 
 
 def top_level(tree):
@@ -54,7 +59,7 @@ def top_level(tree):
 
 
 def room(name):
-    return name.split(".")[0]
+    return ".".join(name.split(".")[: 1 + name.startswith("engine.")])
 
 
 @pytest.mark.parametrize("name", [name for name in PLAIN if name not in LOOSE - {"units"}])
@@ -63,8 +68,37 @@ def test_a_room_imports_only_from_rooms_before_it(name):
         assert LAYERS.index(room(other)) <= LAYERS.index(room(name)), f"{name} imports {other}"
 
 
+def test_the_engine_has_one_border():
+    """Inward only units and spelling; outward only the names of its list, from itself and from none of its rooms."""
+    for name, tree in MODULES.items():
+        for target, names in targets(name, tree):
+            if name.startswith("engine."):
+                assert target.split(".")[0] in ("engine", "units", "spelling"), f"{name} imports {target}"
+            elif target.split(".")[0] == "engine":
+                assert target == "engine" and set(names) <= set(engine.__all__), name
+    assert all(hasattr(engine, each) for each in engine.__all__)
+
+
+@pytest.mark.parametrize(
+    ("former", "now"),
+    [
+        ("problem.catalogue", "input.catalogue"),
+        ("problem.materials", "engine.problem.materials"),
+        ("simulation.forecast", "forecast.cost"),
+        ("runtime", "engine.runtime"),
+    ],
+)
+def test_modules_are_found_by_their_names_of_before(former, now):
+    """Until 0.5, as the same module: what a scene of 0.2 imports."""
+    found = import_module(f"taichi_mps.{former}")
+    assert found is import_module(f"taichi_mps.{now}") and found.__spec__.name == f"taichi_mps.{now}"
+    parent, _, name = former.rpartition(".")
+    assert not parent or getattr(__import__(f"taichi_mps.{parent}", fromlist=[name]), name) is found
+
+
 def test_every_room_stands_in_the_list_and_nothing_lies_loose():
-    assert {room(name) for name in MODULES} - LOOSE == set(LAYERS) - LOOSE
+    assert {room(name) for name in MODULES} - LOOSE - {"engine.__init__"} == set(LAYERS) - LOOSE
+    assert len([path for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()]) <= 9
     assert {name for name in MODULES if "." not in name} <= LOOSE
 
 
@@ -72,13 +106,14 @@ def test_rooms_say_what_lives_there_and_what_to_read_first():
     for name in set(LAYERS) - LOOSE:
         text = ast.get_docstring(MODULES[f"{name}.__init__"]) or ""
         first = re.search(r"Read (\w+\.py) first", text)
-        assert len(text) > 100 and first and (PACKAGE / name / first[1]).is_file(), f"{name}/__init__.py"
+        there = first and PACKAGE.joinpath(*name.split("."), first[1]).is_file()
+        assert len(text) > 100 and there, f"{name}/__init__.py"
 
 
 def test_terms_do_not_import_each_other():
     for name in PLAIN:
-        if room(name) == "terms":
-            others = {other for other in imports(name, MODULES[name]) if room(other) == "terms"}
+        if room(name) == "engine.terms":
+            others = {other for other in imports(name, MODULES[name]) if room(other) == "engine.terms"}
             assert others <= SHARED_TERMS, f"{name} imports {others - SHARED_TERMS}"
 
 
@@ -110,7 +145,7 @@ def test_only_the_room_runtime_imports_taichi(name):
     names = [a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names]
     names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and not node.level]
     uses_taichi = any(item.split(".")[0] in ("taichi", "quadrants") for item in names)
-    assert not uses_taichi or room(name) == "runtime"
+    assert not uses_taichi or room(name) == "engine.runtime"
 
 
 def test_nothing_in_the_package_runs_data():
@@ -126,7 +161,7 @@ def test_taichi_is_never_started_at_import(name):
     calls = {ast.unparse(node.func) for node in top_level(MODULES[name]) if isinstance(node, ast.Call)}
     assert not calls & {"ti.init", "init", "backend.init"}
     everywhere = {ast.unparse(node.func) for node in ast.walk(MODULES[name]) if isinstance(node, ast.Call)}
-    assert ("ti.init" in everywhere) == (name == "runtime.backend")
+    assert ("ti.init" in everywhere) == (name == "engine.runtime.backend")
 
 
 LARGE = {"taichi", "h5py", "matplotlib", "meshio", "imageio", "scipy", "pysplashsurf"}

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import taichi_mps as mps
 from taichi_mps import spelling
 from taichi_mps.cli import study
-from taichi_mps.problem import catalogue
-from taichi_mps.runtime import backend
+from taichi_mps.engine.runtime import backend
+from taichi_mps.input import catalogue
 from taichi_mps.units import Count, Length, SceneError, Viscosity, in_unit
 from tests.fuzz.units import wrong_spelling
 

@@ -19,17 +19,17 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     variant, _, seed = config.getoption("variant").partition(":")
     if variant == "no_fast_math":
-        from taichi_mps.runtime.backend import ti
+        from taichi_mps.engine.runtime.backend import ti
 
         start = ti.init
         ti.init = lambda **settings: start(**(settings | {"fast_math": False}))
     elif variant == "moved":
-        from taichi_mps.schemes import scheme
+        from taichi_mps.engine.schemes import scheme
 
         initial_state = scheme.initial_state
         scheme.initial_state = lambda problem: moved(initial_state(problem), problem.scene.spacing, int(seed))
     elif variant == "numbered":
-        from taichi_mps.particles.particles import Particles
+        from taichi_mps.engine.particles.particles import Particles
 
         load, read = Particles.load, Particles.read
         Particles.load = lambda self, state: load(self, renumbered(self, state, int(seed)))

@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.problem.numerics import NUMERICS
+from taichi_mps.engine.problem.numerics import NUMERICS
 
 REFERENCE = Path(__file__).parent / "reference"
 L2_ERROR, SLUMP_ERROR = "L2 error of the velocity [-]", "largest error of the slump [mm]"

@@ -4,8 +4,8 @@ import argparse
 import json
 import sys
 
+from taichi_mps.engine.problem.numerics import NUMERICS
 from taichi_mps.io.run_folder import strict
-from taichi_mps.problem.numerics import NUMERICS
 from taichi_mps.units import SceneError, user_path
 
 from .table import run_table

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 
 from . import L2_ERROR, Measured, columns, record, run, simulate
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 
 from . import Measured, columns, flows, record, run, simulate
 

@@ -5,7 +5,7 @@ The row runs them at one spacing, ``benchmarks/measured.py`` at more; both are j
 
 import numpy as np
 
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 
 from . import Measured, columns, read_reference, record
 

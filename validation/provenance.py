@@ -8,7 +8,7 @@ from datetime import date
 from pathlib import Path
 
 from taichi_mps import __version__
-from taichi_mps.runtime import workarounds
+from taichi_mps.engine.runtime import workarounds
 
 ROOT = Path(__file__).resolve().parents[1]
 NUMERICS = "fingerprint"  # key of the hash: equal where the numerics are

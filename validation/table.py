@@ -8,7 +8,7 @@ from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
 
-from taichi_mps.problem.numerics import NUMERICS
+from taichi_mps.engine.problem.numerics import NUMERICS
 from taichi_mps.units import Duration, SceneError, require, suggestion, user_path, validated
 
 from . import L2_ERROR, SLUMP_ERROR, Measured, Setting, provenance

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem import measures as measure
+from taichi_mps.engine.problem import measures as measure
+from taichi_mps.input import catalogue
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from points import aside  # noqa: E402

@@ -2,9 +2,9 @@
 
 from ..cli.case_file import keywords
 from ..cli.options import GROUPS, allowed, choices, group_of
-from ..problem import catalogue
-from ..problem.labels import in_words, keyword_description
-from ..problem.numerics import NUMERICS
+from ..engine import NUMERICS
+from ..input import catalogue
+from ..input.labels import in_words, keyword_description
 from ..report.inputs import option, shown
 from ..study.calibrate import Measurements
 from ..units import unit_of

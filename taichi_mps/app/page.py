@@ -6,7 +6,7 @@ All tabs share the queue of runs, the folder they go into, and the processes of 
 
 import json
 
-from ..problem.labels import in_words
+from ..input.labels import in_words
 from ..spelling import without_unit
 from ..study.calibrate import Measurements, check_measurements, emulators_of
 from ..study.calibration import CONSTANT_UNITS, MAX_MISFIT, NAMES, RHEOMETER, Constant, rounded

@@ -13,11 +13,10 @@ from urllib.parse import quote
 
 import numpy as np
 
+from ..input.labels import STOP_REASONS, in_words, is_measure, mix_in_words, title, written
 from ..io import lock
 from ..io.history import read_history
 from ..io.run_folder import MARKER_FILE, PLOTS, REPORT, RunFolder, next_free, read_json
-from ..problem.labels import STOP_REASONS, in_words, is_measure, title, written
-from ..problem.materials import mix_in_words
 from ..report import inputs
 from ..report.sentences import LEADING, measured, measures, rows, sentences
 from ..units import SceneError, plain, require

@@ -19,17 +19,12 @@ import numpy as np
 
 from ..cli.main import planned
 from ..cli.run import describe_run, make_clock
-from ..problem import accuracy, catalogue
-from ..problem.materials import Bingham, Concrete
-from ..problem.problem import Problem
-from ..problem.scene import Scene
-from ..simulation.forecast import pairs_of, require_memory
-from ..simulation.frame import Frame
-from ..simulation.reuse import begin
-from ..simulation.simulation import Simulation
-from ..simulation.summary import described
+from ..engine import Bingham, Concrete, Frame, Problem, Scene, Simulation, pairs_of, require_memory
+from ..forecast import accuracy
+from ..input import catalogue
 from ..study.calibration import BINGHAM
 from ..study.emulator import RESULT_COLUMNS, emulator_of
+from ..study.reuse import begin
 from ..units import SceneError, plain
 from ..viz.body import fit_to_mould
 from .form import PREVIEW_MODELS, options
@@ -129,7 +124,7 @@ class Film:
             measures |= scene.over_time(
                 {key: np.array([row.get(key, math.nan) for row in self.course]) for key in self.course[0]}
             )
-        _, height, error = accuracy.errors_of_run(described(self.sim.problem)) or (None, None, None)
+        _, height, error = accuracy.errors_of_run(self.sim.problem.facts()) or (None, None, None)
         errors = {"slump_m": height * error.slump, "spread_m": 2.0 * height * error.reach} if error else {}
         return {"m": numbers(measures), "errors": errors, "time": self.sim.time, "spacing": scene.spacing}
 

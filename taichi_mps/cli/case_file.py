@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from ..problem import catalogue
-from ..problem.labels import OPTIONS, keyword_description
-from ..problem.numerics import NUMERICS, Implicit
+from ..engine import NUMERICS, Implicit
+from ..input import catalogue
+from ..input.labels import OPTIONS, keyword_description
 from ..report.inputs import OMITTED, option
 from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of, user_path
 from .options import GROUPS, Run, group_of, is_tuple, suggested

@@ -12,13 +12,12 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from .. import __version__
+from ..engine import NUMERICS, Implicit, Problem
+from ..input import catalogue
 from ..io import checkpoint, lock
 from ..io.history import read_history
 from ..io.run_folder import RunFolder, next_free
 from ..io.vtkhdf import Trajectory
-from ..problem import catalogue
-from ..problem.numerics import NUMERICS, Implicit
-from ..problem.problem import Problem
 from ..units import INSTANT, SceneError, plain, quote, require, suggestion, user_path
 from .case_file import NOT_IN_CASE, case_text, expand_case_file
 from .options import (
@@ -108,7 +107,7 @@ def run(argv) -> int:
         if not (arguments.json or options.quiet):
             say(plain("\n".join(describe_run(problem, clock, options.verbose))))
         start_taichi(options)
-        from ..simulation.simulation import Simulation
+        from ..engine import Simulation
 
         sim = Simulation(problem, profile=options.profile)
         clock.begin("ready")

@@ -11,11 +11,10 @@ from typing import Annotated, Literal, get_args, get_origin
 
 from pydantic import AfterValidator, Field
 
+from ..engine import COURANT, NUMERICS, Concrete
+from ..input import catalogue
+from ..input.labels import keyword_description, option_name
 from ..io.run_folder import strict
-from ..problem import catalogue
-from ..problem.labels import keyword_description, option_name
-from ..problem.materials import Concrete
-from ..problem.numerics import COURANT, NUMERICS
 from ..units import (
     Checked,
     Count,

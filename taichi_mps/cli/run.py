@@ -19,12 +19,12 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
+from ..engine import still
+from ..input.labels import title, written
 from ..io.history import read_history
 from ..io.run_folder import PLOTS, clear_pictures, next_free, write_whole
-from ..problem.labels import title, written
-from ..problem.measures import still
 from ..report.sentences import LEADING, certainty, in_parts, in_time, numerics, rows, sentences, thin_solids
-from ..runtime.memory import size
+from ..spelling import size
 from ..units import SceneError, plain, require
 from .case_file import NOT_IN_CASE, case_text, changed_keys
 from .options import DIVERGED, DONE, say
@@ -36,7 +36,7 @@ IMPORTED = time.process_time()  # [s] that the import of the command line took, 
 
 def start_taichi(options) -> None:
     """Start Taichi without its header, which would spoil --json."""
-    from ..runtime.backend import init
+    from ..engine import init
 
     with redirect_stdout(io.StringIO()):
         init(options.arch, getattr(options, "precision", "f32"), options.threads)
@@ -45,7 +45,7 @@ def start_taichi(options) -> None:
 def make_clock(problem, options):
     """Make the clock of a run, which started with the program."""
     with redirect_stdout(io.StringIO()):  # the greeting of Taichi would spoil --json
-        from ..simulation.clock import Clock
+        from ..forecast.clock import Clock
 
     every = options.every or problem.usual_interval
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
@@ -56,10 +56,9 @@ def make_clock(problem, options):
 def describe_run(problem, clock, verbose=False) -> list[str]:
     """Lines that describe a run before it starts: particles, memory, time, and its parts with ``verbose``, expected
     errors, thin solids."""
-    from ..simulation.forecast import memory_of, pairs_of, particles_of
-    from ..simulation.summary import described
+    from ..engine import memory_of, pairs_of, particles_of
 
-    scene, facts = problem.scene, described(problem)
+    scene, facts = problem.scene, problem.facts()
     part = {1: ", half of the body", 2: ", a quarter of the body"}.get(len(scene.mirrors), "")
     part = f", model {scene.parameters['model']}" if "model" in scene.parameters else part
     what = f"{particles_of(problem):,} particles of {1e3 * scene.spacing:.3g} mm{part}"
@@ -82,8 +81,8 @@ def require_slump(scene) -> None:
 def carry_out(sim, folder, options, source, as_json, clock, resumed=None) -> int:
     """Run to the end, to an interrupt or a divergence, and leave a complete run folder in each case. resumed: the
     options of ``resume``."""
+    from ..engine import DivergedError
     from ..io.recorder import Recorder
-    from ..simulation.simulation import DivergedError
     from ..viz.film import SideBySide
     from ..viz.render import gif
 

@@ -13,11 +13,11 @@ from typing import Annotated
 
 from pydantic import Field
 
+from ..engine import Problem
+from ..forecast.accuracy import choose
+from ..input import catalogue
+from ..input.labels import in_words, title, written
 from ..io.run_folder import strict, write_whole
-from ..problem import catalogue
-from ..problem.accuracy import choose
-from ..problem.labels import in_words, title, written
-from ..problem.problem import Problem
 from ..report.sentences import in_time
 from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements

@@ -1,4 +1,4 @@
-"""Files: run folder, history, trajectory, checkpoints; what comes from others is read with suspicion.
+"""Files: run folder, summary, history, trajectory, checkpoints; what comes from others is read with suspicion.
 
 No numerics.
 Read run_folder.py first.

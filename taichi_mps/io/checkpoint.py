@@ -19,10 +19,8 @@ import h5py
 import numpy as np
 from pydantic import BaseModel, InstanceOf
 
-from ..problem import catalogue
-from ..problem.numerics import NUMERICS
-from ..problem.problem import Problem
-from ..problem.scene import Scene
+from ..engine import NUMERICS, Problem, Scene
+from ..input import catalogue
 from ..units import File, SceneError, ordinary, quote, require, unit_of, user_path, validated, writing
 from . import untrusted_hdf5 as untrusted
 from .history import NAMES_OF_0_2
@@ -250,8 +248,8 @@ class Checkpoint:
         SceneError
             If the state is not one of this version.
         """
-        from ..particles.particles import DUMMY, FLUID, WALL
-        from ..simulation.simulation import Simulation
+        from ..engine import DUMMY, FLUID, WALL
+        from .notebook import Simulation
 
         sim = Simulation(problem, profile=profile)
         rows = sim.particles.count[None]

@@ -8,6 +8,7 @@ import numpy as np
 from . import checkpoint
 from .history import History, read_history, row_of
 from .run_folder import RunFolder, strict
+from .summary import summary
 from .vtkhdf import Trajectory, is_output_time
 
 CHECKPOINT_COST = 0.02  # fraction of the time that a run takes, spent on checkpoints
@@ -79,8 +80,8 @@ class Recorder:
         """Write the checkpoint (after a divergence the last good one) and the summary, and return the summary."""
         (self.last_checkpoint if error else self._checkpoint()).write(self.folder.checkpoint)
         self.trajectory.close()
-        summary = {
-            **self.sim.summary(),
+        facts = {
+            **summary(self.sim),
             "stopped_by": stopped_by,
             "resume_from": str(self.folder.checkpoint),
             "ended": datetime.now().astimezone().isoformat(timespec="seconds"),
@@ -91,8 +92,8 @@ class Recorder:
         unknown = [key for key, value in self.measures.items() if not np.isfinite(value)]
         if unknown and self.sim.steps == self.first_step:  # loads belong to a step: to the last one before
             rows = read_history(self.folder.history)
-            summary |= {key: float(rows[key][-1]) for key in unknown if np.isfinite(rows[key][-1])}
+            facts |= {key: float(rows[key][-1]) for key in unknown if np.isfinite(rows[key][-1])}
         if self.sim.scene.over_time:
-            summary |= self.sim.scene.over_time(read_history(self.folder.history))
-        self.folder.write_summary(summary)
-        return strict(summary)
+            facts |= self.sim.scene.over_time(read_history(self.folder.history))
+        self.folder.write_summary(facts)
+        return strict(facts)

@@ -12,10 +12,8 @@ import h5py
 import numpy as np
 from pydantic import Field, InstanceOf
 
-from ..problem import catalogue
-from ..problem.measures import Snapshot, embed
-from ..problem.scene import Scene
-from ..simulation.frame import Frame
+from ..engine import Frame, Scene, Snapshot, embed
+from ..input import catalogue
 from ..units import File, SceneError, require, validated
 from . import untrusted_hdf5 as untrusted
 

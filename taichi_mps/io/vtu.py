@@ -41,7 +41,7 @@ def vtu(outputs: Iterable, folder: Place, whole: Flag = False, smooth: Flag = Fa
     Examples
     --------
     >>> import tempfile, pathlib, taichi_mps as mps
-    >>> from taichi_mps.simulation.frame import Frame
+    >>> from taichi_mps.engine.simulation.frame import Frame
     >>> from taichi_mps.io.vtu import vtu
     >>> scene = mps.slump_cone(model="axisymmetric", spacing=0.05)
     >>> outputs = [Frame(scene, mps.measure.still(scene.fluid, scene.spacing))]

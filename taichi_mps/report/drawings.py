@@ -8,9 +8,8 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from ..problem.labels import in_words, title, unit_of_measure
-from ..problem.measures import Snapshot, embed, still, surface
-from ..simulation.frame import interpolate
+from ..engine import Snapshot, embed, interpolate, still, surface
+from ..input.labels import in_words, title, unit_of_measure
 from ..units import SceneError
 from ..viz.body import SECTORS, profile, smooth_surface
 from ..viz.view_volume import dimensions, view_volume, wall_lines, with_mirror_images

@@ -3,9 +3,9 @@
 import shlex
 from pathlib import Path
 
-from ..problem import catalogue
-from ..problem.labels import in_words, option_name
-from ..problem.numerics import NUMERICS
+from ..engine import NUMERICS
+from ..input import catalogue
+from ..input.labels import in_words, option_name
 from ..units import unit_of
 
 OMITTED = {"accuracy"}  # keyword that chose model and spacing, which are shown instead

@@ -14,15 +14,13 @@ from string import Template
 from PIL import Image
 
 from .. import __version__
+from ..engine import FLOW_THRESHOLD, NUMERICS, Problem, Scene
+from ..forecast import accuracy
+from ..input import catalogue
+from ..input.labels import in_words, mix_in_words
 from ..io.history import read_history
 from ..io.run_folder import RunFolder, write_whole
 from ..io.vtkhdf import Trajectory
-from ..problem import accuracy, catalogue
-from ..problem.labels import in_words
-from ..problem.materials import FLOW_THRESHOLD, mix_in_words
-from ..problem.numerics import NUMERICS
-from ..problem.problem import Problem
-from ..problem.scene import Scene
 from ..units import SceneError, plain
 from . import inputs, sentences
 from .drawings import drawings, film

@@ -5,10 +5,20 @@ from pathlib import Path
 
 import numpy as np
 
+from ..engine import DOUBTFUL_VOLUME_ERROR
+from ..forecast import accuracy
+from ..input.labels import (
+    RESULT_GROUPS,
+    RESULTS,
+    STOP_REASONS,
+    in_words,
+    is_measure,
+    meaning,
+    mix_in_words,
+    title,
+    written,
+)
 from ..io.history import COLUMNS
-from ..problem import accuracy
-from ..problem.labels import RESULT_GROUPS, RESULTS, STOP_REASONS, in_words, is_measure, meaning, title, written
-from ..problem.materials import mix_in_words
 from ..units import plain
 
 OTHER_ERRORS = " This is the error of the computation; the test's own and that of the constants come to it."
@@ -64,7 +74,7 @@ def doubts(summary) -> list[str]:
     """Sentences on doubts about a result, each with a remedy."""
     found = []
     worst = summary.get("volume_error_max") or 0.0
-    if worst > accuracy.DOUBTFUL_VOLUME_ERROR:
+    if worst > DOUBTFUL_VOLUME_ERROR:
         found.append(
             f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing)."
         )

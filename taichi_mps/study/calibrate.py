@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ..problem.accuracy import GRAVITY
-from ..problem.materials import Bingham
+from ..engine import Bingham
+from ..forecast.accuracy import GRAVITY
 from ..units import (
     Checked,
     Density,

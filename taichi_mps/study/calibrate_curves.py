@@ -8,9 +8,9 @@ from time import monotonic
 
 import numpy as np
 
-from ..problem import catalogue
-from ..problem.labels import in_words, is_measure, title, written
-from ..problem.materials import LAWS, numbers_of
+from ..engine import LAWS, numbers_of
+from ..input import catalogue
+from ..input.labels import in_words, is_measure, title, written
 from ..report.sentences import in_time
 from ..units import notes, require, suggestion
 from .calibration import rounded

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from ..problem.labels import in_words
-from ..problem.materials import LAWS, numbers_of
+from ..engine import LAWS, numbers_of
+from ..input.labels import in_words
 from ..units import unit_of
 
 MAX_MISFIT = 9.0  # chi squared of three standard errors

@@ -10,9 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..input import catalogue
 from ..io.history import row_of
 from ..io.run_folder import strict
-from ..problem import catalogue
+from ..io.summary import summary as summary_of
 from ..units import ordinary, user_path
 
 T500_SPREAD = 0.5  # slump flow [m] that defines T500: EN 12350-8
@@ -71,7 +72,7 @@ def run(case: Case, samples: int = 0) -> dict:
     stopped the run, steps and seconds; with ``samples`` in ``course`` that many values of each measure over time,
     {name: values}.
     """
-    from ..simulation.reuse import begin
+    from .reuse import begin
 
     with _one_at_a_time, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
@@ -88,7 +89,7 @@ def run(case: Case, samples: int = 0) -> dict:
                 interval = sim.scene.until / samples
                 sim.every(interval, lambda frame: frames.append({"time_s": frame.time} | frame.measures()))
             sim.run()
-            summary, measures = sim.summary(), sim.measures()
+            summary, measures = summary_of(sim), sim.measures()
             if over_time:
                 columns = {name: np.array([step.get(name, math.nan) for step in history]) for name in history[-1]}
                 measures |= over_time(columns)

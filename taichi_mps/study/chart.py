@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..problem import catalogue
-from ..problem.labels import in_words, title, unit_of_measure
+from ..input import catalogue
+from ..input.labels import in_words, title, unit_of_measure
 from ..units import Picture, Place, SceneError, quote, unit_of, validated
 from ..viz.plots import COLOURS, _figure, _save
 from .calibrate import CONE_RESULTS

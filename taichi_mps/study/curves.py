@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem.labels import OPTIONS, RESULTS, UNITS, in_words, title
-from ..problem.materials import Material
-from ..problem.measures import still
+from ..engine import Material, still
+from ..input.labels import OPTIONS, RESULTS, UNITS, in_words, title
 from ..spelling import in_unit, without_unit
 from ..units import SceneError, require, unit_of, user_path
 from .calibration import FittedConstants, rounded

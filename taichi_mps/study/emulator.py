@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from ..problem import catalogue
-from ..problem.labels import in_words
-from ..problem.materials import Bingham
+from ..engine import Bingham
+from ..input import catalogue
+from ..input.labels import in_words
 from ..units import Flag, Place, SceneError, array, real, require, user_path, validated
 from .calibration import BINGHAM, CONSTANT_UNITS, FRICTIONAL, is_time, rounded
 from .case import T500_SPREAD

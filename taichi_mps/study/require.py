@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..problem import catalogue
+from ..input import catalogue
 from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, real, unit_of
 from ..units import require as check
 from .case import case

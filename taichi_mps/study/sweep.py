@@ -20,11 +20,10 @@ from time import monotonic
 import numpy as np
 from pydantic import InstanceOf
 
-from ..problem import catalogue
-from ..problem.accuracy import choose
-from ..problem.catalogue import SceneName
-from ..problem.materials import LAWS, numbers_of
-from ..problem.problem import Problem
+from ..engine import LAWS, Problem, numbers_of
+from ..forecast.accuracy import choose
+from ..input import catalogue
+from ..input.catalogue import SceneName
 from ..units import Count, Place, SceneError, Text, in_unit, require, validated
 from .case import LOST, Case, case, row_without_result
 from .case import run as run_case
@@ -187,7 +186,7 @@ def wall_time(planned: list[Case], workers: int, runs: int | None = None) -> flo
     """
     sample = planned[:: max(1, len(planned) // SAMPLED)]
     with redirect_stdout(io.StringIO()):  # without Taichi's greeting
-        from ..simulation.clock import Clock
+        from ..forecast.clock import Clock
 
         clocks = [Clock(Problem(catalogue.build(c.scene, **c.parameters)), SERIAL, math.inf) for c in sample]
     runs, shapes = runs or len(planned), len({*map(kernel_key, planned)})

@@ -13,8 +13,8 @@ import unicodedata
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from ..input.labels import is_measure
 from ..io.lock import held
-from ..problem.labels import is_measure
 from ..spelling import in_unit
 from ..units import SceneError, ordinary, require, user_path
 

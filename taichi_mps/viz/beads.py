@@ -6,7 +6,7 @@ bit.
 
 import numpy as np
 
-from ..runtime.backend import ti
+from ..engine import ti
 
 Keys, Rows = ti.types.ndarray(dtype=ti.u64, ndim=2), ti.types.ndarray(dtype=ti.f32, ndim=2)
 EMPTY = 0x4E6E6B28 << 32  # key of a pixel without sphere: depth 1e9 m; others: depth bits << 32 | row of the sphere

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geometry.walls import Plane
-from ..problem.measures import SCALARS, Snapshot
+from ..engine import SCALARS, Plane, Snapshot
 from ..units import require
 
 DENSITY_CELL = 0.5  # side of the cells in which the density of rings is computed, over l0

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from ..problem.measures import embed
+from ..engine import embed
 from .painter import BACKGROUND
 
 INK, FAINT, MOULD, GLASS = (38, 42, 48), (112, 118, 126), (196, 62, 38), (96, 150, 176)  # colours (RGB)

@@ -9,9 +9,8 @@ from itertools import cycle
 import numpy as np
 from pydantic import InstanceOf
 
-from ..geometry.cavity import Cavity
-from ..problem.labels import is_measure, title, unit_of_measure
-from ..problem.measures import Snapshot
+from ..engine import Cavity, Snapshot
+from ..input.labels import is_measure, title, unit_of_measure
 from ..units import File, Flag, Picture, plain, require, user_path, validated, writing
 
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")

@@ -16,9 +16,8 @@ import numpy as np
 from PIL import Image
 from pydantic import Field, InstanceOf
 
-from ..problem.materials import constants_of, mix_in_words
-from ..problem.measures import Snapshot, embed
-from ..problem.scene import Scene
+from ..engine import Scene, Snapshot, embed
+from ..input.labels import constants_of, mix_in_words
 from ..units import (
     Count,
     Duration,

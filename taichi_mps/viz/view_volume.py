@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from ..geometry.solid import Solid
-from ..geometry.walls import Cylinder, Plane
-from ..problem.labels import title, written
-from ..problem.measures import embed, reflected, still
+from ..engine import Cylinder, Plane, Solid, embed, reflected, still
+from ..input.labels import title, written
 
 MIN_DIMENSION = 0.03  # of the longest side of the view volume: shorter lengths get no dimension [-]
 

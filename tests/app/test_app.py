@@ -13,11 +13,11 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.app.resident import RESTARTED, Resident
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.forecast import accuracy
+from taichi_mps.input import catalogue
+from taichi_mps.input.labels import written
 from taichi_mps.io.run_folder import RunFolder
-from taichi_mps.problem import accuracy, catalogue
-from taichi_mps.problem.labels import written
-from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation.summary import described
 from taichi_mps.units import plain
 from tests.support.browser import chromium, needs_chromium, opened
 from tests.support.child import begun
@@ -270,7 +270,7 @@ def test_nobody_waits_for_the_preview_of_a_mix_that_was_moved_on():
 def told_of(scene):
     """What the summary of a run says besides its results."""
     seconds = dict.fromkeys(("wall_seconds", "cpu_seconds", "compile_seconds"), 1.0)
-    return described(Problem(scene)) | seconds | {"simulated_seconds": 0.01, "volume_error_max": 0.0, "left_out": 0.0}
+    return Problem(scene).facts() | seconds | {"simulated_seconds": 0.01, "volume_error_max": 0.0, "left_out": 0.0}
 
 
 def with_results(**changes):

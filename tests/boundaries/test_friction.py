@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.runtime.backend import ti
+from taichi_mps.engine.runtime.backend import ti
 from tests.support.rigs import MASS_RATE, System, cloud
 
 DENSITY, G, DEPTH = 2300.0, 9.81, 0.1  # kg/m3, m/s2, m

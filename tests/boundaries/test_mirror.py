@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import measures as measure
-from taichi_mps.problem.measures import Snapshot
+from taichi_mps.engine.problem import measures as measure
+from taichi_mps.engine.problem.measures import Snapshot
 from taichi_mps.viz import render, view_volume
 from tests.support.rigs import L0, Rig, cloud
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 from tests.support.rigs import L0, Probe, Rig, cloud
 
 UP = (0.0, 0.0, 1.0)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem.problem import Problem
+from taichi_mps.engine.problem.problem import Problem
 
 SIDE, ACROSS, ETA, DENSITY = 0.2, 8, 200.0, 2300.0
 L0 = SIDE / ACROSS

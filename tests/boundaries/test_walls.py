@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.particles.kernels import mps_weight, smooth_weight
-from taichi_mps.runtime.backend import ti
+from taichi_mps.engine.particles.kernels import mps_weight, smooth_weight
+from taichi_mps.engine.runtime.backend import ti
 from tests.support.rigs import L0, MASS_RATE, RE, Probe, Rig, System, cloud
 
 HEIGHT = 10 * L0

@@ -6,9 +6,9 @@ import taichi_mps as mps
 from taichi_mps.cli import case_file
 from taichi_mps.cli.main import main, planned
 from taichi_mps.cli.run import keep_edited
+from taichi_mps.input import catalogue
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
-from taichi_mps.problem import catalogue
 
 QUICK = ["--spacing=0.025", "--until=0.02", "--threads=1", "--quiet"]
 OWN = '''

@@ -17,11 +17,11 @@ from rich.console import Console
 
 import taichi_mps as mps
 from taichi_mps.cli import options, run
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
-from taichi_mps.problem import catalogue
 from taichi_mps.units import unit_of
 from tests.support.child import ROOT, begun, child
 

@@ -13,9 +13,9 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
 from taichi_mps.cli import run as run_module
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder, write_whole
-from taichi_mps.problem import catalogue
 from taichi_mps.units import user_path
 from tests.support.child import ROOT
 from tests.support.recorded import contents, recorded
@@ -158,8 +158,8 @@ def test_a_time_limit_that_has_passed_is_refused_and_the_case_stays(run, capsys)
 def ended(tmp_path, monkeypatch):
     """Folder of a run that has ended after 0.02 s, and a function that ends it."""
     folder, sim, recorder = recorded(tmp_path / "run", 2)
-    whole = sim.summary
-    monkeypatch.setattr(sim, "summary", lambda: whole() | {"simulated_seconds": sim.time, "wall_seconds": 8.0})
+    whole = sim.facts
+    monkeypatch.setattr(sim, "facts", lambda: whole() | {"simulated_seconds": sim.time, "wall_seconds": 8.0})
     folder.report.write_text("the page", encoding="utf-8")
     folder.case.write_text("until = 0.02", encoding="utf-8")
     return folder, recorder.finish

@@ -28,12 +28,12 @@ from taichi_mps.cli import main as cli
 from taichi_mps.cli import options
 from taichi_mps.cli import run as console
 from taichi_mps.cli import study as commands
-from taichi_mps.geometry.meshes import read_mesh
+from taichi_mps.engine.geometry.meshes import read_mesh
+from taichi_mps.engine.problem.numerics import NUMERICS
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.numerics import NUMERICS
 from taichi_mps.viz import film
 from tests.support.cube import CORNERS, CUBE
 from tests.support.recorded import contents, recorded
@@ -63,7 +63,7 @@ def door(tmp_path_factory):
         patch.setattr(cli, "start_taichi", refuse)
         patch.setattr(commands, "sweep", refuse)
         patch.setattr(commands.one_mix, "calibrate", refuse)
-        patch.setattr("taichi_mps.geometry.shapes.MAX_POINTS", 2e4)
+        patch.setattr("taichi_mps.engine.geometry.shapes.MAX_POINTS", 2e4)
         yield Path.cwd()
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from taichi_mps.cli import case_file
-from taichi_mps.geometry.meshes import read_mesh
+from taichi_mps.engine.geometry.meshes import read_mesh
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
-from taichi_mps.problem import catalogue
 from taichi_mps.study import case, mixes, tables
 from taichi_mps.units import SceneError
 

@@ -32,7 +32,7 @@ import meshio
 import numpy as np
 
 from taichi_mps.cli.options import choices
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 from taichi_mps.units import unit_of
 from tests.fuzz.server import attack
 from tests.fuzz.units import wrong_spelling

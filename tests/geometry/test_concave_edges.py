@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.boundaries.sampled import search_faces
-from taichi_mps.boundaries.surfaces import FAR
-from taichi_mps.geometry.concave_edges import find_concave_edges
-from taichi_mps.geometry.solid import polygon_distance
+from taichi_mps.engine.boundaries.sampled import search_faces
+from taichi_mps.engine.boundaries.surfaces import FAR
+from taichi_mps.engine.geometry.concave_edges import find_concave_edges
+from taichi_mps.engine.geometry.solid import polygon_distance
 from tests.support.rigs import L0, Rig, cloud
 
 CELL, REACH = 0.5 * L0, 1.6 * L0
@@ -165,7 +165,7 @@ def test_a_tank_with_friction_pushes_with_all_its_faces(rigged, monkeypatch):
     corner = np.sort([plane.distance(x) for plane in PLANES], axis=0)[1] < REACH
     errors = [sums((sampled(TANK, friction=law),))[0] - exact]
     monkeypatch.setattr(
-        "taichi_mps.boundaries.sampled.find_concave_edges",
+        "taichi_mps.engine.boundaries.sampled.find_concave_edges",
         lambda values, *_: (np.full(values.shape, -1), np.zeros((0, 1, 3))),
     )
     errors.append(sums((sampled(TANK, friction=law),))[0] - exact)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.geometry import solid
-from taichi_mps.geometry.meshes import MAX_GAP, mesh_distance, read_mesh
-from taichi_mps.geometry.shapes import lattice
-from taichi_mps.problem.problem import Problem
+from taichi_mps.engine.geometry import solid
+from taichi_mps.engine.geometry.meshes import MAX_GAP, mesh_distance, read_mesh
+from taichi_mps.engine.geometry.shapes import lattice
+from taichi_mps.engine.problem.problem import Problem
 from tests.support.cube import CORNERS, box
 
 for library in ("igl", "trimesh", "manifold3d"):
@@ -412,7 +412,7 @@ def test_a_damaged_step_file_is_one_line_and_what_is_missing_is_named(assembly, 
         with pytest.raises(mps.SceneError, match="mesh .*parts.step: (cannot be read as STEP|.* bodies: )"):
             read_mesh(assembly, body="none")
     assert capfd.readouterr() == ("", "")
-    monkeypatch.setattr("taichi_mps.geometry.mesh_files.find_spec", lambda name: None)
+    monkeypatch.setattr("taichi_mps.engine.geometry.mesh_files.find_spec", lambda name: None)
     with pytest.raises(
         mps.SceneError, match=r'parts.step: a STEP file needs cascadio: pip install "taichi-mps\[step\]"'
     ):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.geometry import solid as solid_of_a_grid
-from taichi_mps.geometry.solid import polygon_distance
+from taichi_mps.engine.geometry import solid as solid_of_a_grid
+from taichi_mps.engine.geometry.solid import polygon_distance
 from taichi_mps.viz import render
 from tests.support.rigs import L0, RE, Probe, cloud
 from tests.support.rigs import Rig as Cloud

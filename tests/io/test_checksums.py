@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.measures import SCALARS
+from taichi_mps.input import catalogue
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import SCALARS
 from tests.support.recorded import recorded
 
 SCENE = catalogue.build("slump", spacing=0.05, until=1.0)

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.measures import still
+from taichi_mps.engine.simulation.frame import Frame
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint, vtkhdf
 from taichi_mps.io import vtu as export
 from taichi_mps.io.history import COLUMNS, History, read_history
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder, clear_pictures, next_free
 from taichi_mps.io.vtkhdf import Trajectory
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import still
-from taichi_mps.simulation.frame import Frame
 from taichi_mps.viz import film
 from taichi_mps.viz.body import smooth_surface
 from tests.support.recorded import Falling, recorded

@@ -13,11 +13,11 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli.main import main, planned
+from taichi_mps.engine.schemes.step_report import StepReport
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
-from taichi_mps.schemes.step_report import StepReport
 
 WRITTEN = Path(__file__).parent / "written_by_0.2.0"
 

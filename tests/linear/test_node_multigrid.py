@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.linear.node_multigrid import NodeMultigrid
-from taichi_mps.runtime.backend import ti
+from taichi_mps.engine.linear.node_multigrid import NodeMultigrid
+from taichi_mps.engine.runtime.backend import ti
 from tests.support.linear import REACH, Nodes, Springs, applied, solve
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.particles.kernels import smooth_weight
-from taichi_mps.particles.particles import DUMMY, FLUID, WALL
+from taichi_mps.engine.particles.kernels import smooth_weight
+from taichi_mps.engine.particles.particles import DUMMY, FLUID, WALL
 from tests.support.rigs import L0, Rig, cloud
 
 ROUNDING = 1e-12

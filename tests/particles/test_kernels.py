@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_mps.particles.kernels import (
+from taichi_mps.engine.particles.kernels import (
     GHOST_SUMS,
     PACKING,
     PACKING_IN_PLANE,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.particles.neighbors import CapacityError, EscapedError, NeighborList
+from taichi_mps.engine.particles.neighbors import CapacityError, EscapedError, NeighborList
 from tests.support.rigs import lists, particles
 
 RE, CAPACITY = 0.105, 240

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import accuracy, catalogue
-from taichi_mps.problem.accuracy import Mix, ModelErrors, choices, choose, expected, measured
+from taichi_mps.forecast import accuracy
+from taichi_mps.forecast.accuracy import Mix, ModelErrors, choices, choose, expected, measured
+from taichi_mps.input import catalogue
 from taichi_mps.units import SceneError
 
 MIX = Mix.of(500.0, 50.0)
@@ -166,7 +167,7 @@ def test_what_nothing_reaches_is_refused_with_the_best_there_is(monkeypatch):
     ):
         mps.slump_cone(accuracy=0.005, spacing=0.013)
     swollen = [row._replace(volume=0.011) for row in measured()]
-    monkeypatch.setattr("taichi_mps.problem.accuracy.measured", lambda: swollen)
+    monkeypatch.setattr("taichi_mps.forecast.accuracy.measured", lambda: swollen)
     with pytest.raises(
         SceneError, match="with spacing = 0.02 m: nothing was measured there that keeps the volume within 1 %$"
     ):

@@ -10,10 +10,10 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.app.worker import forecast
 from taichi_mps.cli.main import main
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.materials import LAWS, TYPICAL_RATE, numbers_of
-from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation.reuse import shape_of
+from taichi_mps.engine.problem.materials import LAWS, TYPICAL_RATE, numbers_of
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.input import catalogue
+from taichi_mps.study.reuse import shape_of
 from taichi_mps.study.sweep import cases
 from taichi_mps.units import YieldValue
 
@@ -79,7 +79,7 @@ def test_the_rate_at_the_stress_of_a_rate_is_that_rate(law):
 def test_a_class_of_ones_own_is_a_law_as_any(monkeypatch):
     """A user's law is compiled with its numbers, tested, and named in errors; it has its own key in the compile cache,
     and as a parameter of a scene its numbers are keywords."""
-    from taichi_mps.terms.rheology import OwnLaw
+    from taichi_mps.engine.terms.rheology import OwnLaw
 
     mps.init(arch="cpu")
     rates, structure = np.array([0.0, 1.0, 9.0]), np.array([0.0, 1.0, 2.0])

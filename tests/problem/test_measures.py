@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import measures as measure
+from taichi_mps.engine.problem import measures as measure
 
 
 def disc(radius, height, spacing):

@@ -8,7 +8,7 @@ from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.cli.options import allowed, choices, default
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 from taichi_mps.units import Checked, Duration, Length, Unit, YieldValue, unit_of
 
 ImaginedAngle = Annotated[float, Field(ge=0.0, lt=45.0), Unit("deg")]

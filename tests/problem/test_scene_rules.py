@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem.problem import Problem
+from taichi_mps.engine.problem.problem import Problem
 from tests.support.scenes import hose, parts
 
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))

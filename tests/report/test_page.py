@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.measures import still
+from taichi_mps.forecast import accuracy
+from taichi_mps.input.labels import title, written
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
-from taichi_mps.problem import accuracy
-from taichi_mps.problem.labels import title, written
-from taichi_mps.problem.measures import still
 from taichi_mps.report import drawings, inputs, page, sentences
 from taichi_mps.viz.body import surface_of
 from tests.support.browser import chromium, needs_chromium, opened

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from taichi_mps.runtime import backend
-from taichi_mps.runtime.backend import ti
-from taichi_mps.runtime.workarounds import in_own_memory, sine_by_f32
+from taichi_mps.engine.runtime import backend
+from taichi_mps.engine.runtime.backend import ti
+from taichi_mps.engine.runtime.workarounds import in_own_memory, sine_by_f32
 
 
 @pytest.mark.parametrize(("precision", "kind"), [("f32", np.float32), ("f64", np.float64)])

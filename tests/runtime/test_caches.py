@@ -38,7 +38,7 @@ def test_compiled_kernels_lie_where_they_are_looked_for(tmp_path):
     """Where the kernels are is where Taichi puts them: a forecast looks there for whether a run is the first."""
     code = "import taichi_mps as mps; mps.init(); mps.runtime.backend.ti.field(float, 3).fill(1.0)"
     assert at(os.environ["HOME"], tmp_path, "-c", code, caches=str(tmp_path / "caches"))[0] == 0
-    told = "from taichi_mps.runtime import caches, workarounds; "
+    told = "from taichi_mps.engine.runtime import caches, workarounds; "
     told += "assert any(caches.kernels(workarounds.LANGUAGE).glob('*/*'))"
     assert at(os.environ["HOME"], tmp_path, "-c", told, caches=str(tmp_path / "caches"))[0] == 0
     assert at(os.environ["HOME"], tmp_path, "-c", told, caches=str(tmp_path / "others"))[0] == 1

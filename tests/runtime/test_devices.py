@@ -25,7 +25,7 @@ RUN = """
 import json, sys
 import taichi_mps as mps
 from taichi_mps import backend, catalogue
-from taichi_mps.terms import shifting
+from taichi_mps.engine.terms import shifting
 shifting.PERTURBATION = 0.0  # e(x) looks random because it takes rounding 40,000 times: another device, other numbers
 backend.init(arch=sys.argv[1])
 scheme = {"implicit": mps.Implicit(), "semi-implicit": mps.SemiImplicit(source="mixed", gradient="conservative")}

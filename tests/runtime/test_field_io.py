@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from taichi_mps.runtime.backend import double_field, real, ti
-from taichi_mps.runtime.field_io import FieldIO
+from taichi_mps.engine.runtime.backend import double_field, real, ti
+from taichi_mps.engine.runtime.field_io import FieldIO
 
 SHAPES = {"place": (2,), "number": (), "stress": (3, 3), "share": ()}
 

@@ -6,9 +6,9 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from taichi_mps.runtime.backend import ti
-from taichi_mps.runtime.stages import Execution, flush, repeat, sequence, stage, team_stage
-from taichi_mps.runtime.thread_team import first, last, wait
+from taichi_mps.engine.runtime.backend import ti
+from taichi_mps.engine.runtime.stages import Execution, flush, repeat, sequence, stage, team_stage
+from taichi_mps.engine.runtime.thread_team import first, last, wait
 
 WAYS = {"fused": {"rows": 1}, "grouped": {"rows": 1 << 30}, "timed": {"rows": 1, "timed": True}}
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.linear.node_multigrid import NodeMultigrid
-from taichi_mps.runtime.backend import session, ti
-from taichi_mps.runtime.sums import CHUNK, running_sums
+from taichi_mps.engine.linear.node_multigrid import NodeMultigrid
+from taichi_mps.engine.runtime.backend import session, ti
+from taichi_mps.engine.runtime.sums import CHUNK, running_sums
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import numpy as np
 import pyamg
 import pytest
 
-from taichi_mps.runtime import backend
-from taichi_mps.runtime import thread_team as team
-from taichi_mps.runtime.backend import ti
-from taichi_mps.runtime.stages import Execution, stage, team_stage
+from taichi_mps.engine.runtime import backend
+from taichi_mps.engine.runtime import thread_team as team
+from taichi_mps.engine.runtime.backend import ti
+from taichi_mps.engine.runtime.stages import Execution, stage, team_stage
 from tests.support.linear import solve, sparse_matrix
 
 ROWS, ROUNDS = 5000, 1000

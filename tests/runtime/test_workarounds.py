@@ -1,15 +1,11 @@
 """Workarounds for wrong, slow or verbose parts of the kernel language; the speed patch changes no bit."""
 
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
 
-from taichi_mps.runtime import backend, workarounds
-from taichi_mps.runtime.backend import ti
+from taichi_mps.engine.runtime import backend, workarounds
+from taichi_mps.engine.runtime.backend import ti
 from tests.support.child import child
-
-only_taichi = pytest.mark.skipif(workarounds.LANGUAGE != "taichi", reason="a patch of Taichi")
 
 
 # ---- vector locals --------------------------------------------------------------------------------------------------
@@ -92,7 +88,7 @@ def test_fields_are_refused_before_the_tree_that_kills_the_process(monkeypatch):
 
 # ---- silence and speed ----------------------------------------------------------------------------------------------
 def test_import_says_nothing():
-    done = child("-c", "import taichi_mps.runtime.backend")
+    done = child("-c", "import taichi_mps.engine.runtime.backend")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
@@ -100,7 +96,7 @@ def test_import_says_nothing():
 def test_the_language_does_not_warn_of_its_own_source(tmp_path):
     """Compiled at its first import, as by uv, Taichi's source gives no warning of an escape sequence."""
     settings = {"PYTHONWARNINGS": "default", "PYTHONPYCACHEPREFIX": str(tmp_path)}
-    done = child("-c", "import taichi_mps.runtime.backend", **settings)
+    done = child("-c", "import taichi_mps.engine.runtime.backend", **settings)
     assert done.returncode == 0
     assert "escape" not in done.stderr
 
@@ -117,54 +113,16 @@ def test_a_kernel_that_does_not_compile_names_its_line():
 
 
 PATCHED = """
-import taichi_mps.runtime.backend
+import taichi_mps.engine.runtime.backend
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 print(ASTTransformerContext.get_pos_info.__module__.startswith("taichi_mps"))
 """
 
 
-@only_taichi
+@pytest.mark.skipif(workarounds.LANGUAGE != "taichi", reason="a patch of Taichi")
 @pytest.mark.parametrize("switch", [None, "0"])
 def test_the_speed_patch_is_left_out_where_it_is_switched_off(switch):
     assert child("-c", PATCHED, TAICHI_MPS_WORKAROUNDS=switch).stdout.strip() == str(switch is None)
-
-
-RUN = """
-import io, sys
-from contextlib import redirect_stdout
-import numpy as np
-import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.terms import constants, shifting
-constants.EARLY_MAX_REDUCTION = 0.0  # solves while the body falls go to the tolerance, too
-shifting.PERTURBATION = 0.0  # its look of chance takes the last bits of positions
-with redirect_stdout(io.StringIO()):
-    mps.init("cpu", "f64", 1)
-found = {}
-for name, spacing, scheme in (("slump", 0.025, mps.Implicit(tolerance=1e-9)), ("film", 0.01, mps.SemiImplicit())):
-    sim = mps.Simulation(catalogue.load(name)(spacing=spacing), scheme)
-    for _ in range(10):
-        sim.step()
-    state = sim.state()
-    order = np.argsort(state["id"])
-    found.update({f"{name} {key}": state[key][order] for key in ("x", "u", "p")} | {f"{name} t": sim.time})
-np.savez(sys.argv[1], **found)
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(
-    not all(map(find_spec, workarounds.LANGUAGES)), reason="one language is installed: pip install .[quadrants]"
-)
-def test_both_languages_compute_the_same(tmp_path):
-    """Taichi and Quadrants agree to rounding where all is solved to rounding."""
-    for name in workarounds.LANGUAGES:
-        child("-c", RUN, str(tmp_path / f"{name}.npz"), TAICHI_MPS_KERNELS=name)
-    ours, theirs = (np.load(tmp_path / f"{name}.npz") for name in workarounds.LANGUAGES)
-    for name, tolerance in (("slump u", 1e-8), ("slump p", 1e-7), ("film x", 1e-9), ("film u", 1e-6)):
-        assert np.abs(ours[name] - theirs[name]).max() <= tolerance * np.abs(ours[name]).max(), name
-    way = np.abs(ours["slump u"]).max() * ours["slump t"]
-    assert np.abs(ours["slump x"] - theirs["slump x"]).max() <= 1e-8 * way
 
 
 # ---- which language -------------------------------------------------------------------------------------------------

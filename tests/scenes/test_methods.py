@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.engine.problem import measures as measure
+from taichi_mps.forecast import rest_shapes
+from taichi_mps.input import catalogue
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
-from taichi_mps.problem import catalogue, rest_shapes
-from taichi_mps.problem import measures as measure
 
 # volume [m3] of what the vessel holds; share by which the lattice may miss it: half a layer at each wall that cuts it
 VESSELS = {

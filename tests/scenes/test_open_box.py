@@ -3,7 +3,7 @@
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 
 BLOCK = {"model": "half", "spacing": 0.005, "column_width": 0.03, "column_height": 0.04, "density": 1000.0}
 

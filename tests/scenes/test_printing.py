@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import still
-from taichi_mps.problem.problem import Problem
-from taichi_mps.problem.tool_path import read_gcode
-from taichi_mps.simulation.pouring import Pouring
+from taichi_mps.engine.problem.measures import still
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.simulation.pouring import Pouring
+from taichi_mps.input import catalogue
+from taichi_mps.input.tool_path import read_gcode
 
 PATH = ((1.0, 0.0, 0.0), (3.0, 0.4, 0.0), (4.0, 0.4, 0.1))
 HOSE = mps.Inlet((0.01, 0.4), (0.0, -1.0), 0.04, rate=0.04, volume=0.2, path=PATH)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import still
+from taichi_mps.engine.problem.measures import still
+from taichi_mps.input import catalogue
 
 COARSE = {  # keywords that make a scene a matter of seconds; a new scene needs a line here
     "dam_break": {"spacing": 0.0146, "until": 0.25},

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.particles.active_set import FULL_STEP_INTERVAL
-from taichi_mps.particles.particles import BOUNDARY, FLUID
+from taichi_mps.engine.particles.active_set import FULL_STEP_INTERVAL
+from taichi_mps.engine.particles.particles import BOUNDARY, FLUID
 
 L0 = 0.02
 MIX = mps.Bingham(yield_value=200.0, plastic_viscosity=20.0)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import measures as measure
-from taichi_mps.problem.measures import Snapshot
-from taichi_mps.terms.shifting import Shifting
+from taichi_mps.engine.problem import measures as measure
+from taichi_mps.engine.problem.measures import Snapshot
+from taichi_mps.engine.terms.shifting import Shifting
 from tests.support.rigs import L0, Rig, System
 
 FLOOR = mps.Plane((0.0, -0.55), (0.0, 1.0))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.simulation.reuse import begin
+from taichi_mps.input import catalogue
+from taichi_mps.study.reuse import begin
 from validation import columns, flows
 
 DENSITY, DEPTH = 2300.0, 0.1

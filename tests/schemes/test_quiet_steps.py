@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem.problem import Problem
-from taichi_mps.schemes.scheme import Speeds
-from taichi_mps.simulation.reuse import begin
-from taichi_mps.terms.constants import CREEP, EARLY_MAX_REDUCTION, LONG, QUIET, STILL, Constants
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.problem.time_step import CREEP, LONG, QUIET, STILL, Speeds
+from taichi_mps.engine.terms.constants import EARLY_MAX_REDUCTION, Constants
+from taichi_mps.study.reuse import begin
 from tests.support.scenes import parts
 
 SPACING = 0.02
@@ -27,7 +27,7 @@ def constants(yield_value=100.0, numerics=None, **of_material):
 
 
 def longest(of, acceleration, speed=0.01, decay=0.0):
-    return of.longest_at(Speeds(speed, acceleration, decay))
+    return of.time_step.longest_at(Speeds(speed, acceleration, decay))
 
 
 @pytest.mark.parametrize("of_material", [{}, {"critical_strain_rate": 0.1}])
@@ -35,7 +35,7 @@ def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
     """At half of the acceleration below which a flow counts as quiet the step is sqrt(2) times as long, at a quarter or
     less twice; slower flows gain nothing more."""
     found = constants(**of_material)
-    usual = found.max_time_step
+    usual = found.time_step.longest
     assert found.early_max_reduction[None] == pytest.approx(EARLY_MAX_REDUCTION), (
         "the early solves need not be as good as the last"
     )
@@ -48,7 +48,7 @@ def test_the_step_grows_as_the_root_of_what_it_no_longer_changes(of_material):
 
 def test_the_step_that_scales_a_scene_does_not_depend_on_its_courant_number():
     scene = mps.Scene(**parts(velocity=np.tile((5.0, 0.0), (25, 1))))
-    steps = [Constants(None, Problem(scene, mps.Implicit(courant_number=c))).natural_step for c in (0.1, 0.2, 0.4)]
+    steps = [Constants(None, Problem(scene, mps.Implicit(courant_number=c))).time_step.natural for c in (0.1, 0.2, 0.4)]
     assert steps == pytest.approx([0.2 * 0.1 / 5.0] * 3)
 
 
@@ -56,8 +56,8 @@ def test_of_a_flow_that_dies_away_it_grows_with_the_time_of_that_up_to_the_same_
     found, decay = constants(), 30.0
     assert longest(found, 0.0, decay=decay) == pytest.approx(CREEP * decay)
     assert longest(found, QUIET * SPACING, decay=decay) == pytest.approx(1.0), "velocity times dt changes by QUIET l0"
-    assert longest(found, 0.0, decay=0.1) == pytest.approx(LONG * found.max_time_step), "as of any quiet flow"
-    assert longest(found, 0.0, speed=1e-6, decay=decay) == found.max_time_step, "still"
+    assert longest(found, 0.0, decay=0.1) == pytest.approx(LONG * found.time_step.longest), "as of any quiet flow"
+    assert longest(found, 0.0, speed=1e-6, decay=decay) == found.time_step.longest, "still"
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_no_longer_steps_without_yield_value_in_a_viscous_mix_or_where_one_is_gi
     """Steps stay short without a yield stress, where a step is given, and at 1500 Pa s, whose step, 0.5 nu/(g H), does
     not resolve a fall; such a mix and water need early solves as accurate as the last one, whatever step is given."""
     found = constants(numerics=numerics, **of_material)
-    assert longest(found, 0.0) == longest(found, math.inf) == found.max_time_step
+    assert longest(found, 0.0) == longest(found, math.inf) == found.time_step.longest
     assert step is None or longest(found, 0.0) == pytest.approx(step)
     assert found.early_max_reduction[None] == pytest.approx(early)
 
@@ -83,7 +83,7 @@ def test_the_penalties_grow_with_the_step_that_is_taken():
     Pa the plastic viscosity counts in both."""
     for tau_y, eta in ((1000.0, 50.0), (100.0, 50.0)):
         found = constants(tau_y)
-        usual = found.max_time_step
+        usual = found.time_step.longest
         for dt in (usual, 2.0 * usual, 0.3 * usual):
             found.set_time_step(dt)
             mu_r = max(6.0 * eta, 64.0 * tau_y * max(dt, usual))
@@ -95,7 +95,7 @@ def test_the_penalties_grow_with_the_step_that_is_taken():
 def test_a_cone_that_creeps_to_rest_does_not_know_how_long_its_steps_are():
     """At 100 Pa and 2 s slump agrees within a tenth of a spacing and spread within a fifth, with two thirds of the
     steps, none longer than the rule. A given step does not grow; later on the cone creeps beyond the rest (I8)."""
-    usual, ends = constants().max_time_step, []
+    usual, ends = constants().time_step.longest, []
     for sim in (begin(cone()), mps.Simulation(cone(), mps.Implicit(max_time_step=usual))):
         reports = []
         sim.each_step(lambda sim, reports=reports: reports.append(sim.report))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem.problem import Problem
+from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.report.sentences import doubts
 
 STEPS, TOLERANCE = 12, 2e-3

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.linear.pcg import CONVERGED
-from taichi_mps.problem import catalogue
-from taichi_mps.schemes.scheme import Speeds
-from taichi_mps.simulation.simulation import Simulation
+from taichi_mps.engine.linear.pcg import CONVERGED
+from taichi_mps.engine.problem.time_step import Speeds
+from taichi_mps.engine.simulation.simulation import Simulation
+from taichi_mps.input import catalogue
 from tests.support import inside
 from validation.flows import l2, profile
 

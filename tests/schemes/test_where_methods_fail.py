@@ -23,7 +23,7 @@ import pytest
 from scipy.spatial.distance import pdist
 
 import taichi_mps as mps
-from taichi_mps.schemes.scheme import Speeds
+from taichi_mps.engine.problem.time_step import Speeds
 from tests.support.inside import find, loaded
 
 TORQUE = Path(__file__).parents[1] / "reference" / "C_rotating_disc_laplacian_torque.csv"
@@ -98,12 +98,12 @@ def test_any_diffusion_number_is_stable_by_default(free_default):
     x = free_default.scene.fluid
     u = 1e-9 * np.random.default_rng(0).normal(size=x.shape)
     rigid = u.mean(0) + spin(x, angular_momentum(x, u) / (x**2).sum())
-    constants = free_default.scheme.constants
-    usual = constants.max_time_step, constants.viscous_time
-    constants.max_time_step, constants.viscous_time = 1000.0 * WIDE**2 * 1000.0 / 1.0, 0.0
+    rule = free_default.scheme.constants.time_step
+    usual = rule.longest, rule.viscous_time
+    rule.longest, rule.viscous_time = 1000.0 * WIDE**2 * 1000.0 / 1.0, 0.0
     loaded(free_default, x, u).step()
     report = free_default.step()
-    constants.max_time_step, constants.viscous_time = usual
+    rule.longest, rule.viscous_time = usual
     assert report.dt * 1.0 / 1000.0 / WIDE**2 == pytest.approx(1000.0)
     assert np.abs(free_default.snapshot().u - rigid).max() < 2e-3 * np.abs(u).max()
 

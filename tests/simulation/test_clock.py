@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation import clock
-from taichi_mps.simulation.clock import IMPORT, PARTS, READY, TRUSTED, Clock, steps_left
-from taichi_mps.simulation.forecast import Cost, cost_of, seconds_of_a_step
-from taichi_mps.simulation.pouring import Pouring
-from taichi_mps.simulation.rest import Rest
-from taichi_mps.simulation.reuse import begin
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.runtime import backend
+from taichi_mps.engine.simulation.pouring import Pouring
+from taichi_mps.engine.simulation.rest import Rest
+from taichi_mps.forecast import clock
+from taichi_mps.forecast.clock import IMPORT, PARTS, READY, TRUSTED, Clock, steps_left
+from taichi_mps.forecast.cost import Cost, cost_of, seconds_of_a_step
+from taichi_mps.input import catalogue
+from taichi_mps.study.reuse import begin
 
 SETTINGS = {"precision": "f32", "threads": 1}
 MIXES = (
@@ -37,7 +38,7 @@ SETTING_UP, STEP = 3.5, 0.006  # [s] of a warm run of rings without its flow, of
 @pytest.fixture
 def kernels(monkeypatch, tmp_path):
     """Folder of compiled kernels, an empty one."""
-    monkeypatch.setattr(clock, "kernels", lambda language: tmp_path)
+    monkeypatch.setattr(backend, "kernels", lambda language: tmp_path)
     return tmp_path / "ticache" / "a.tic"
 
 

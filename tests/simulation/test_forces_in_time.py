@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.geometry.in_time import TimeDependent
+from taichi_mps.engine.geometry.in_time import TimeDependent
 
 L0 = 0.1
 JUMPS = ((0.0, 3.0, 0.0), (0.2, 3.0, 0.0), (0.2, -1.0, 2.0), (0.4, -1.0, 2.0), (0.5, 0.0, 0.0))
@@ -101,7 +101,7 @@ def test_a_floor_lifts_a_block_as_it_says(kind):
 def test_what_stands_wakes_when_gravity_turns(monkeypatch):
     """A cone at rest that is left out of the steps flows again as without an active set: after a jump of gravity all
     particles are active."""
-    monkeypatch.setattr("taichi_mps.particles.active_set.MIN_EXCLUDED_FRACTION", 0.01)
+    monkeypatch.setattr("taichi_mps.engine.particles.active_set.MIN_EXCLUDED_FRACTION", 0.01)
     gravity = ((0.0, 0.0, -1.0), (0.5, 0.0, -1.0), (0.5, 0.0, -9.81))
     walls = (mps.Plane((0.0, 0.0), (0.0, 1.0)),)
     scene = block(walls=walls, gravity=gravity, spacing=0.05, fluid=mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), 0.05))

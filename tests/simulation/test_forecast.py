@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.problem import Problem
-from taichi_mps.runtime import memory
-from taichi_mps.simulation import forecast
-from taichi_mps.simulation.forecast import LANDING_RATIO, cost_of, memory_of, pairs_of
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.runtime import memory
+from taichi_mps.engine.simulation.memory import memory_of, pairs_of
+from taichi_mps.forecast import cost
+from taichi_mps.forecast.cost import LANDING_RATIO, cost_of
+from taichi_mps.input import catalogue
 from tests.support.child import child
 
 MEASURED = json.loads((Path(__file__).resolve().parents[2] / "benchmarks/results/cubic_metre.json").read_text())
@@ -135,11 +136,11 @@ def test_each_jolt_of_a_table_is_a_fall_more():
 def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch, tmp_path):
     """The cost is a power of the number of particles between measured sizes, and proportional to it beyond the
     largest; runs of few particles have sizes of their own."""
-    monkeypatch.setattr(forecast, "MEASURED", tmp_path / "cost.csv")
+    monkeypatch.setattr(cost, "MEASURED", tmp_path / "cost.csv")
     (tmp_path / "cost.csv").write_text("100, 1e-3, 0\n10000, 4e-2, 0\n100, 2e-4, 1\n")
     sizes = np.array([1.0, 100.0, 1000.0, 10_000.0, 50_000.0])
-    assert forecast.seconds_of_a_step(sizes[:3], 1000) == pytest.approx([2e-4, 2e-4, 2e-3])
-    told = forecast.seconds_of_a_step(sizes, 50_000)
+    assert cost.seconds_of_a_step(sizes[:3], 1000) == pytest.approx([2e-4, 2e-4, 2e-3])
+    told = cost.seconds_of_a_step(sizes, 50_000)
     assert told == pytest.approx([1e-3, 1e-3, (1e-3 * 4e-2) ** 0.5, 4e-2, 2e-1])
     (tmp_path / "cost.csv").write_text("1, 3e-6, 0\n1e6, 3, 0\n")  # 3 us each
     dt, after = 1e-5, 4.0

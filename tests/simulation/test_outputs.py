@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.measures import still
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.simulation.frame import Frame, interpolate
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import still
-from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation.frame import Frame, interpolate
 
 RINGS = {"model": "axisymmetric", "spacing": 0.02, "yield_value": 500.0}
 
@@ -137,7 +137,7 @@ def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, sch
             replace(good, state=state).resume(good.admit(scene))
     sim = good.resume(good.admit(scene))
     assert recorded(parts, sim) == "time"
-    assert bits(sim) == end
+    assert bits(sim) == end and sim.summary()["steps"] == sim.steps
 
     outputs = [list(Trajectory(folder.trajectory).replay(scene=scene)) for folder in (whole, parts)]
     assert [frame.time for frame in outputs[0]] == [frame.time for frame in outputs[1]]

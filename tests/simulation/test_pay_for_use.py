@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.boundaries import friction, ghosts, surfaces, walls
-from taichi_mps.simulation import simulation
-from taichi_mps.terms import momentum, stress
+from taichi_mps.engine.boundaries import friction, ghosts, surfaces, walls
+from taichi_mps.engine.simulation import simulation
+from taichi_mps.engine.terms import momentum, stress
 
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
 WEST = mps.Plane((0.0, 0.0), (1.0, 0.0))

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.geometry.meshes import read_mesh
+from taichi_mps.engine.geometry.meshes import read_mesh
+from taichi_mps.engine.problem import measures as measure
+from taichi_mps.engine.simulation.pouring import Pouring
+from taichi_mps.engine.terms.pressure import LOOSE
+from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.vtkhdf import Trajectory
-from taichi_mps.problem import catalogue
-from taichi_mps.problem import measures as measure
-from taichi_mps.simulation.pouring import Pouring
-from taichi_mps.terms.pressure import LOOSE
 from tests.support.cube import box
 
 NEEDS_IGL = pytest.mark.skipif(find_spec("igl") is None, reason="the distance of a mesh is libigl's")

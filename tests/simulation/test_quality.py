@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 from tests.support.scenes import hose, parts
 
 

@@ -14,8 +14,8 @@ ROOT = Path(__file__).resolve().parents[2]
 RUN = """
 import hashlib, sys
 import taichi_mps as mps
-from taichi_mps.runtime import backend
-from taichi_mps.problem import catalogue
+from taichi_mps.engine.runtime import backend
+from taichi_mps.input import catalogue
 
 def bits(sim):
     s = sim.snapshot()

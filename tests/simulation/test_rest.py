@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem.problem import Problem
-from taichi_mps.simulation.rest import NEGLIGIBLE_PATH, PAUSE, Rest
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.simulation.rest import NEGLIGIBLE_PATH, PAUSE, Rest
 from tests.support.scenes import parts
 
 SPACING = 0.01

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 
 POWERS = {"x": 1.0, "u": 0.5, "p": 1.0, "stress": 1.0, "shear_rate": -0.5}  # of the length, in each field's scale
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.runtime.backend import ti
+from taichi_mps.engine.runtime.backend import ti
+from taichi_mps.input import catalogue
 from tests.support.child import child
 
 
@@ -77,7 +77,7 @@ def test_a_simulation_is_gone_where_taichi_itself_is_started_after_init():
 FORK = """
 import os, sys
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 mps.init(threads=2)
 sim = mps.Simulation(catalogue.build("film", depth=0.04, spacing=0.01, until=0.05))
 sim.step()

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 from tests.support.inside import in_order
+from validation.vortices import taylor_green_scene
 
 
 @pytest.mark.slow
@@ -15,23 +16,11 @@ def test_packing_counts_volume_whatever_the_disorder():
     """Vortices in a periodic box of fixed volume stir the lattice, and the mean packing stays that of the lattice
     within 1.5 %."""
     l0 = 1.0 / 24.0
-    x = mps.lattice((0.0, 0.0), (1.0 - 0.5 * l0,) * 2, l0)
-    k = 2.0 * np.pi
-    u = np.column_stack([-np.cos(k * x[:, 0]) * np.sin(k * x[:, 1]), np.sin(k * x[:, 0]) * np.cos(k * x[:, 1])])
-    scene = mps.Scene(
-        name="vortices",
-        material=mps.Newtonian(density=1000.0, viscosity=1.0),
-        spacing=l0,
-        fluid=x,
-        velocity=u,
-        gravity=(0.0, 0.0),
-        domain=((0.0, 0.0), (1.0, 1.0)),
-        periodic=(True, True),
-    )
+    scene = taylor_green_scene(l0, 1000.0, 1.0)
     sim = mps.Simulation(scene)
     sim.run(until=0.5)
-    moved = np.abs(sim.snapshot().x - x).max()
-    packing = sim.scheme.gradient.packing.to_numpy()[: len(x)]
+    moved = np.abs(sim.snapshot().x - scene.fluid).max()
+    packing = sim.scheme.gradient.packing.to_numpy()[: len(scene.fluid)]
     assert moved > 3.0 * l0 and packing.std() > 0.01  # the lattice is gone
     assert packing.mean() == pytest.approx(1.0, abs=0.015)
 

@@ -10,7 +10,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli.main import main
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 from taichi_mps.study import calibrate_curves as curves
 from taichi_mps.study.curves import SHEAR_RATES, measures_of, read_curves
 

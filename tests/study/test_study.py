@@ -17,17 +17,17 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli.study import outcome
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.accuracy import choices
-from taichi_mps.problem.problem import Problem
-from taichi_mps.runtime.memory import ShortOfMemoryError
-from taichi_mps.simulation.reuse import begin, shape_of
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.problem.time_step import longest_step
+from taichi_mps.engine.runtime.memory import ShortOfMemoryError
+from taichi_mps.forecast.accuracy import choices
+from taichi_mps.input import catalogue
 from taichi_mps.study import case as cases
 from taichi_mps.study import sweep
+from taichi_mps.study.reuse import begin, shape_of
 from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, run_side_by_side, values
 from taichi_mps.study.sweep import cases as combinations
 from taichi_mps.study.tables import open_results, read
-from taichi_mps.terms.constants import longest_step
 from taichi_mps.units import SceneError
 from tests.support import study_cases
 from tests.support.child import begun
@@ -144,7 +144,7 @@ def test_a_case_for_which_memory_is_missing_is_computed_again(monkeypatch):
     def begin(_scene):
         raise ShortOfMemoryError("spacing = 0.01 m: its particles take 3 GB")
 
-    monkeypatch.setattr("taichi_mps.simulation.reuse.begin", begin)
+    monkeypatch.setattr("taichi_mps.study.reuse.begin", begin)
     row = cases.run(cases.case("film", spacing=0.05))
     assert row["status"] == LOST and row["reason"].endswith("take 3 GB")
 
@@ -283,7 +283,7 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
     assert rows[0]["steps_s"] == rows[0]["steps"] + 1
     sim = begin(catalogue.build(str(film), plastic_viscosity=20, density=2000, **shape))
     height = np.ptp(sim.scene.fluid[:, 1]) + 0.01
-    assert sim.scheme.constants.max_time_step == longest_step(0.01, 9.81, height, 0.01)  # what similarity leaves
+    assert sim.scheme.constants.time_step.longest == longest_step(0.01, 9.81, height, 0.01)  # what similarity leaves
     failed = cases.run(cases.case("slump", lift_speed=0.1, model="quarter", spacing=0.03))
     assert failed["status"] == "failed" and "lift_speed = 0.1 m/s" in failed["reason"]
 

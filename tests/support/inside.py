@@ -3,7 +3,7 @@
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.particles.particles import FLUID
+from taichi_mps.engine.particles.particles import FLUID
 
 
 def find(sim) -> None:

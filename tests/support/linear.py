@@ -6,14 +6,14 @@ import numpy as np
 import scipy.sparse as sp
 
 import taichi_mps as mps
-from taichi_mps.linear.node_multigrid import NodeMultigrid
-from taichi_mps.linear.pcg import HUGE, PCG, STATUS
-from taichi_mps.linear.vectors import SparseMatrix
-from taichi_mps.particles.neighbors import Bins, NeighborList
-from taichi_mps.particles.particles import Particles
-from taichi_mps.runtime.backend import constant_fields, real, ti
-from taichi_mps.runtime.stages import Execution, stage
-from taichi_mps.runtime.thread_team import first, last, wait
+from taichi_mps.engine.linear.node_multigrid import NodeMultigrid
+from taichi_mps.engine.linear.pcg import HUGE, PCG, STATUS
+from taichi_mps.engine.linear.vectors import SparseMatrix
+from taichi_mps.engine.particles.neighbors import Bins, NeighborList
+from taichi_mps.engine.particles.particles import Particles
+from taichi_mps.engine.runtime.backend import constant_fields, real, ti
+from taichi_mps.engine.runtime.stages import Execution, stage
+from taichi_mps.engine.runtime.thread_team import first, last, wait
 
 FUSED = {"rows": 1}  # all stages of a solve are one kernel of one thread
 LAUNCHED = {"rows": 1 << 30}  # a kernel for each part of it, in which a team of threads works, or one alone

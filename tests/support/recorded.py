@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.measures import Snapshot
+from taichi_mps.input import catalogue
 from taichi_mps.io.history import RESIDUALS
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import Snapshot
 
 
 class Falling:
@@ -48,8 +48,14 @@ class Falling:
     def measures(self):
         return self.scene.measure(self.snapshot())
 
-    def summary(self):
-        return {"scene": self.scene.name, "steps": self.steps, "volume_error": float("nan"), **self.measures()}
+    def facts(self):
+        return {
+            "scene": self.scene.name,
+            "scheme": "falling",
+            "steps": self.steps,
+            "volume_error": float("nan"),
+            **self.measures(),
+        }
 
     def state(self):
         scalars = {"time": self.time, "steps": self.steps, "last_dt": None, "rest": {"since": 0.1 + 0.2}}

@@ -3,17 +3,17 @@
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.boundaries import walls as boundaries
-from taichi_mps.particles.gradient import Gradient
-from taichi_mps.particles.kernels import lattice_sums, mps_weight
-from taichi_mps.particles.neighbors import Bins, NeighborList
-from taichi_mps.particles.pair_sums import PairSums
-from taichi_mps.particles.particles import FLUID, Carried, Particles
-from taichi_mps.runtime.backend import ti
-from taichi_mps.terms.hourglass import DeferredCorrection
-from taichi_mps.terms.momentum import MomentumOperator
-from taichi_mps.terms.rheology import deviator
-from taichi_mps.terms.stress import StrainRate
+from taichi_mps.engine.boundaries import walls as boundaries
+from taichi_mps.engine.particles.gradient import Gradient
+from taichi_mps.engine.particles.kernels import lattice_sums, mps_weight
+from taichi_mps.engine.particles.neighbors import Bins, NeighborList
+from taichi_mps.engine.particles.pair_sums import PairSums
+from taichi_mps.engine.particles.particles import FLUID, Carried, Particles
+from taichi_mps.engine.runtime.backend import ti
+from taichi_mps.engine.terms.hourglass import DeferredCorrection
+from taichi_mps.engine.terms.momentum import MomentumOperator
+from taichi_mps.engine.terms.rheology import deviator
+from taichi_mps.engine.terms.stress import StrainRate
 
 L0 = 0.1  # spacing [m]
 RE = 2.1 * L0  # effective radius [m]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 
 
 def parts(d=2, **changes) -> dict:

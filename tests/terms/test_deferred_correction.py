@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.particles.kernels import lattice_sums
+from taichi_mps.engine.particles.kernels import lattice_sums
 from tests.support.rigs import L0, System, cloud
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 
 DEPTH, DENSITY = 0.1, 2300.0
 

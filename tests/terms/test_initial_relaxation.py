@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial.distance import pdist
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.problem import Problem
-from taichi_mps.terms.shifting import is_uneven
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.terms.shifting import is_uneven
+from taichi_mps.input import catalogue
 
 SPACING = 0.02
 WIDTH, HEIGHT = 0.4, 0.3
@@ -114,7 +114,7 @@ def test_what_has_flowed_is_even(plane):
 def test_a_fill_that_goes_through_periodic_sides_is_relaxed_through_them(monkeypatch):
     """In a box without walls or surface a fill moved by a third of the box is relaxed in the same way, to rounding
     where no random part of the shift follows from the place."""
-    monkeypatch.setattr("taichi_mps.terms.shifting.PERTURBATION", 0.0)
+    monkeypatch.setattr("taichi_mps.engine.terms.shifting.PERTURBATION", 0.0)
     size, material = 10 * SPACING, mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=100.0)
     lattice = mps.fill(mps.Box((0.0, 0.0), (size, size)), SPACING)
     fluid = lattice + 0.3 * SPACING * np.random.default_rng(1).uniform(-1.0, 1.0, lattice.shape)

@@ -3,8 +3,8 @@
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.problem import Problem
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.input import catalogue
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.particles.particles import FLUID, WALL
+from taichi_mps.engine.particles.particles import FLUID, WALL
 from tests.support.rigs import BULK, L0, MASS_RATE, System, cloud
 
 FLOOR = mps.Plane((0.0, -0.33), (0.0, 1.0), velocity=(0.5, 0.0))

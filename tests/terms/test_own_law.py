@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.runtime.backend import ti
+from taichi_mps.engine.runtime.backend import ti
+from taichi_mps.input import catalogue
 
 
 @pytest.fixture(scope="module", autouse=True)

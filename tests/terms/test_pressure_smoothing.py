@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.particles.kernels import smooth_weight
-from taichi_mps.terms.constants import longest_step
-from taichi_mps.terms.pressure import SMOOTHING
+from taichi_mps.engine.particles.kernels import smooth_weight
+from taichi_mps.engine.problem.time_step import longest_step
+from taichi_mps.engine.terms.pressure import SMOOTHING
 from tests.support.inside import find, in_order
 from tests.support.rigs import L0, cloud
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import trapezoid
 
 import taichi_mps as mps
-from taichi_mps.runtime.backend import ti
-from taichi_mps.terms.rheology import bi_viscosity, magnitude, return_mapping, shear_rate
+from taichi_mps.engine.runtime.backend import ti
+from taichi_mps.engine.terms.rheology import bi_viscosity, magnitude, return_mapping, shear_rate
 
 ETA, TAU_Y, PI_C, MU_R = 50.0, 300.0, 0.1, 400.0
 

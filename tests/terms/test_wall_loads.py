@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
+from taichi_mps.input import catalogue
 
 LOADS = mps.Implicit(wall_loads=True)
 CONVERGED = mps.Implicit(wall_loads=True, passes=40, tolerance=1e-4)

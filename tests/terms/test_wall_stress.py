@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem.problem import Problem
+from taichi_mps.engine.problem.problem import Problem
 from tests.support.inside import at_start, in_order
 
 ACROSS, GAP, ETA, DENSITY, PUSH = 20, 0.1, 50.0, 2300.0, 8000.0  # -, m, Pa s, kg/m3, N/m3

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.runtime import backend
+from taichi_mps.engine.runtime import backend
+from taichi_mps.input import catalogue
 from taichi_mps.viz import plots
 from tests.support.inside import find
 from validation import SLUMP_ERROR, Measured, Setting, cases, flows, simulate, standing, table

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 import taichi_mps as mps
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import still
+from taichi_mps.engine.problem.measures import still
+from taichi_mps.input import catalogue
 from taichi_mps.viz import overlay
 from taichi_mps.viz.body import contour, profile, smooth_surface, surface_of
 from taichi_mps.viz.render import Renderer

@@ -10,10 +10,10 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli import run as show
+from taichi_mps.engine.problem.measures import still
+from taichi_mps.engine.simulation.frame import Frame
+from taichi_mps.input import catalogue
 from taichi_mps.io import vtu as export
-from taichi_mps.problem import catalogue
-from taichi_mps.problem.measures import still
-from taichi_mps.simulation.frame import Frame
 from taichi_mps.viz import painter, render
 from taichi_mps.viz.beads import Beads
 from taichi_mps.viz.painter import Camera, Mesh, Painter

@@ -1,0 +1,75 @@
+"""The rule of the time step of ``implicit``: how long a step may be (I14), plain Python."""
+
+import math
+from dataclasses import dataclass
+
+LONG = 2.0  # a quiet flow takes steps as long as this many of the scene's own
+# A decaying flow may take steps of this fraction of its decay time, in which its speed falls to 1/e, and a flow that
+# starts steps of this fraction of the time so far: backward Euler then resolves the diffusion from the walls
+CREEP = 0.1
+QUIET = 0.005  # a flow is quiet where its change of velocity moves particles by less than this part of l0 in a step
+STILL = 1e-5  # speed over sqrt(gH) below which steps are not longer: each one removes most of the remaining motion
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """Speeds of the fluid and the walls, from which the length of a step follows."""
+
+    speed: float  # largest, walls and jets included [m/s]
+    acceleration: float  # root mean square, of the last step [m/s2]; infinite before the first
+    decay: float = 0.0  # time in which what moves last fell to 1/e of its speed [s]; 0 where it has not fallen
+    since: float = math.inf  # time since the start [s]
+
+
+def longest_step(
+    kinematic_viscosity: float, gravity: float, height: float, spacing: float, times: float = 1.0
+) -> float:
+    """Longest step [s] that resolves the fall of the body, 0.057 sqrt(H/g), or the viscous flow where that is slower; a
+    fluid too thin to damp motion on the scale of a particle needs 0.06 sqrt(l0/g). ``times``: factor for a flow
+    without either."""
+    fall = 0.057 * (height / gravity) ** 0.5
+    damping = kinematic_viscosity / (spacing * (gravity * spacing) ** 0.5)
+    return max(
+        times * min(fall, 0.06 * (spacing / gravity) ** 0.5 * (1.0 + damping)),
+        0.5 * kinematic_viscosity / (gravity * height),
+    )
+
+
+class TimeStep:
+    """Longest steps of a problem: ``longest`` of a flow that is not quiet, ``quiet_step`` of one that is, ``natural`` a
+    scale of the scene that does not depend on the steps taken [s]."""
+
+    def __init__(self, problem):
+        scene, materials, numerics = problem.scene.expected, problem.materials, problem.numerics
+        height, gravity, speed, spacing = problem.height, problem.gravity, problem.speed, scene.spacing
+        yields, self.limit = all(m.yields for m in materials), numerics.max_time_step or math.inf  # of any step [s]
+        longest, quiet = (
+            min(longest_step(m.typical_slope / m.density, gravity, height, spacing, times) for m in materials)
+            for times in (1.0, LONG)
+        )
+        self.falls = yields and quiet > longest  # whether a yielding fluid falls faster than its viscosity lets it flow
+        self.longest = min(longest, self.limit)
+        self.quiet_step = min(quiet if self.falls else longest, self.limit)
+        self.creeps = yields  # whether a decaying flow takes longer steps
+        # T [s], in which viscosity, the largest of the mixes, carries a motion through the body
+        self.viscous_time = min(m.density / m.typical_slope for m in materials) * height**2
+        # limits of a quiet flow and of one at rest: change of the velocity times the step [m], velocity [m/s]
+        self.quiet, self.still = QUIET * spacing, STILL * (gravity * height + speed**2) ** 0.5
+        courant_number = type(numerics).model_fields["courant_number"].default
+        self.natural = min(longest, courant_number * spacing / speed) if speed else longest
+
+    def longest_at(self, speeds: Speeds) -> float:
+        """Longest step [s] at these speeds: ``longest``, or in a quiet flow sqrt(QUIET l0/acceleration), at most
+        ``longest_in(decay)``. Until viscous_time at most CREEP times the time so far, or CREEP viscous_time where that
+        is more; never above the given limit."""
+        longest = self.longest
+        if speeds.acceleration * longest**2 < self.quiet and speeds.speed > self.still:
+            most = self.longest_in(speeds.decay)
+            longest = max(longest, min(most, math.sqrt(self.quiet / max(speeds.acceleration, 1e-30))))
+        if speeds.since < self.viscous_time:
+            longest = min(longest, CREEP * max(speeds.since, CREEP * self.viscous_time))
+        return min(longest, self.limit)
+
+    def longest_in(self, decay: float) -> float:
+        """Longest step [s] of a quiet flow whose speed falls to 1/e in a ``decay`` [s]."""
+        return min(max(self.quiet_step, CREEP * decay * self.creeps), self.limit)

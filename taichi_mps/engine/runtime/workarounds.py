@@ -1,0 +1,159 @@
+"""Choice of the kernel language, and the workarounds for it.
+
+The engine is written for Taichi 1.7.4, which has no wheel for Python 3.14 and gets no more releases. Where it is not
+installed the engine runs on Quadrants, its maintained fork; TAICHI_MPS_KERNELS=taichi or quadrants chooses.
+
+Each workaround says why it is there; tests/runtime tests each. Corrections of wrong results are always on. Speed
+patches reach into Taichi's internals, and no bit of a result depends on them: TAICHI_MPS_WORKAROUNDS=0 switches them
+off, and so does a version that they were not written for.
+"""
+
+import functools
+import importlib
+import math
+import os
+import textwrap
+import warnings
+from contextlib import contextmanager
+from importlib.util import find_spec
+from types import SimpleNamespace
+
+from ...units import SceneError
+from .caches import set_cache_folders
+
+LANGUAGES = "taichi", "quadrants"
+
+
+# ---- choice of the language -----------------------------------------------------------------------------------------
+def chosen_language() -> str:
+    """Name of the kernel language: TAICHI_MPS_KERNELS, else Taichi if it is installed, else Quadrants."""
+    installed = [name for name in LANGUAGES if find_spec(name)]
+    name = os.environ.get("TAICHI_MPS_KERNELS") or (installed or LANGUAGES)[0]
+    if name not in LANGUAGES:
+        raise SceneError(f"TAICHI_MPS_KERNELS = {name}: must be {' or '.join(LANGUAGES)}")
+    if name not in installed:
+        raise SceneError(f"TAICHI_MPS_KERNELS = {name}: is not installed; pip install {name}")
+    return name
+
+
+def silence_language() -> None:
+    """Switch off the output of the language before its import: its header, a line for each replaced stdout, and
+    warnings, of its own source under Python 3.12 and of NumPy numbers as arguments, which would stand between the lines
+    of --json."""
+    for start in ("TI", "QD"):
+        os.environ.setdefault(f"{start}_ENABLE_PYBUF", "0")
+    for name in LANGUAGES:
+        os.environ.setdefault(f"ENABLE_{name.upper()}_HEADER_PRINT", "False")
+    for message in ("invalid escape sequence", ".*Template mapper caching disabled"):
+        warnings.filterwarnings("ignore", message=message)
+
+
+LANGUAGE = chosen_language()
+silence_language()
+set_cache_folders(LANGUAGE)
+ti = importlib.import_module(LANGUAGE)
+VERSION = ".".join(map(str, ti.__version__))
+
+
+# ---- names that differ between the two languages --------------------------------------------------------------------
+_MARK, _OWNER = {
+    "taichi": ("_is_taichi_function", "func"),
+    "quadrants": ("_is_quadrants_function", "wrapper"),
+}[LANGUAGE]
+
+
+def for_kernels(function, part=None):
+    """Mark a Python object as callable from kernels while they are compiled; ``part``: the ti.func that it wraps, if
+    any."""
+    setattr(function, _MARK, True)
+    setattr(function, _OWNER, getattr(part, _OWNER) if part else SimpleNamespace(has_print=False))
+    return function
+
+
+def is_for_kernels(function) -> bool:
+    """Whether kernels may call an object: a ti.func, or one marked by ``for_kernels``."""
+    return getattr(function, _MARK, False)
+
+
+def compiled_now():
+    """Kernel that is being compiled, None outside of kernels."""
+    runtime = ti.lang.impl.get_runtime()
+    if not runtime.inside_kernel:
+        return None
+    return runtime.current_kernel if LANGUAGE == "taichi" else runtime._current_global_context.current_kernel
+
+
+# ---- corrections of wrong results ------------------------------------------------------------------------------------
+# Options of ti.init. Taichi miscompiles a vector local that is read, conditionally changed and overwritten (its issue
+# 8744); without cfg_optimization it does not. It keeps a number of a field in a local variable while a loop runs, one
+# for each expression of its place, so that one does not see what is written by another (its issue 8578); without
+# cache_loop_invariant_global_vars it does not. At an opt_level above 0 a pass over the whole kernel hides most of the
+# latter, and takes up to half of the time to compile; it spares a step nothing but where one thread computes 1,000
+# rows or more, a tenth. Quadrants computes the known patterns correctly; it has the same options for equal code. An
+# unrolling limit of 0 avoids a warning of intended unrolling.
+OPTIONS = {
+    "cfg_optimization": False,
+    "cache_loop_invariant_global_vars": False,
+    "opt_level": 0,
+    "unrolling_limit": 0,
+}
+
+
+def in_own_memory(field, shape):
+    """Place a field in memory of its own and return it. On Vulkan Taichi packs fields without alignment: 8 bytes that
+    begin at an odd multiple of 4 overwrite the last number of another field."""
+    memory = ti.FieldsBuilder()
+    shape = shape if isinstance(shape, tuple) else (shape,)
+    (memory.dense(ti.axes(*range(len(shape))), shape) if shape else memory).place(field)
+    memory.finalize()
+    return field
+
+
+@ti.func
+def sine_by_f32(angle):
+    """Sine [-] of an angle [rad] in f64, computed by the sine of f32 of the angle modulo 2 pi: Vulkan has no sine of
+    f64."""
+    turns = angle / (2.0 * math.pi)
+    return ti.cast(ti.sin(ti.cast(2.0 * math.pi * (turns - ti.floor(turns)), ti.f32)), ti.f64)
+
+
+@contextmanager
+def less_optimised(wanted: bool):
+    """Context in which kernels, if ``wanted``, are optimised by LLVM and not by the language: compiling takes up to a
+    fifth less time, the kernels run up to a tenth slower, and the last bits differ."""
+    settings = ti.lang.impl.current_cfg()
+    before, settings.advanced_optimization = settings.advanced_optimization, not wanted
+    try:
+        yield
+    finally:
+        settings.advanced_optimization = before
+
+
+# ---- speed patches --------------------------------------------------------------------------------------------------
+def position(context, node) -> str:
+    """Position of an expression of a kernel for error messages: file, line, function and text."""
+    line = context.src[node.lineno - 1].strip()
+    return (
+        f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}: {line}\n'
+    )
+
+
+def cache_sources() -> None:
+    """Patch Taichi to look up and wrap the source of a function once, and not to wrap the text of an expression.
+
+    Taichi wraps the text of each expression of a kernel, 65,000 times in a cone, and looks up and wraps the source of a
+    function wherever a kernel calls it, 1,000 times. A process that computes the default cone to 0.04 s with compiled
+    kernels in the cache takes 7 processor seconds with this and 10 without. Quadrants caches both.
+    """
+    from taichi.lang import kernel_impl
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+
+    ASTTransformerContext.get_pos_info = position
+    kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
+    kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
+    kernel_impl.textwrap = SimpleNamespace(fill=functools.cache(textwrap.fill), dedent=functools.cache(textwrap.dedent))
+
+
+PATCHED = (LANGUAGE, VERSION) == ("taichi", "1.7.4") and os.environ.get("TAICHI_MPS_WORKAROUNDS") != "0"
+if PATCHED:
+    cache_sources()

@@ -1,0 +1,314 @@
+"""The default scheme: viscosity, pressure and yield stress in one implicit system per step (I1-I30).
+
+The step is that of an augmented Lagrangian at the middle of the step: after half of the drift the neighbours are found
+and a system for the velocity is assembled; Uzawa's iterations solve it in turn with the stress and the pressure, which
+are its multipliers; then the particles are shifted and drift the other half.
+"""
+
+import warnings
+
+from ..particles.active_set import FULL_STEP_INTERVAL, ActiveSet
+from ..particles.pair_sums import PairSums
+from ..particles.particles import Carried
+from ..runtime.field_io import FieldIO
+from ..runtime.stages import ONE_THREAD_BELOW_ROWS, NoOp, repeat
+from ..terms.constants import Constants
+from ..terms.hourglass import DeferredCorrection, HourglassResistance
+from ..terms.interface import Interface
+from ..terms.momentum import MomentumOperator, MomentumSource, VelocitySolve
+from ..terms.motion import MomentumDrift, Motion, Standstill, free_directions
+from ..terms.pressure import FULL_STRAIN, Pressure, VolumeConstraint
+from ..terms.residuals import Residuals
+from ..terms.shifting import RELAXATION_SHIFTS, Shifting, is_uneven
+from ..terms.stress import SolvedRate, StrainRate, Stress
+from ..terms.wall_loads import WallFriction, WallLoads
+from ..terms.wall_stress import WallStress, no_force
+from .diagnostics import Diagnostics
+from .scheme import Scheme
+
+FIRST_ITERATIONS = 40  # of the first step, whose pressure and stress start from zero
+# of the first step without a yield stress, with mu_r: the pressure comes first, or its strain stays as stress in a plug
+VISCOUS_ITERATIONS = 10
+
+
+class Implicit(Scheme):
+    """Implicit coupled scheme for fluids by any flow curve, several at once, in two or three dimensions."""
+
+    REMEDY = "lower max_time_step or courant_number, or use precision f64"
+
+    def __init__(self, problem, to_come: int, pairs_per_particle: float):
+        super().__init__(problem, carried(problem), to_come, pairs_per_particle)
+        scene, fluid, walls, capacity = problem.scene, self.base, self.walls, self.particles.capacity
+        constants = self.constants = Constants(self.particles, problem, fluid.gravity, fluid.twist)
+        sums = PairSums(self.particles, self.gradient, walls)
+        # which terms the scene needs: the stages of the others do nothing
+        bi_viscosity, several = problem.law == "bi-viscosity", len(problem.materials) > 1
+        holds = any(not wall.slip for wall in walls.surfaces)
+        directions = free_directions(scene, problem.numerics.walls)
+        drifts = directions.any()
+        self.may_be_full = problem.may_be_full(to_come)
+        may_stand_still = may_stand(problem, self.particles, walls) and not drifts
+
+        self.pressure = Pressure(fluid, constants)
+        self.strain_rate = StrainRate(fluid, sums)
+        self.solved_rate = SolvedRate(fluid, sums, self.strain_rate)
+        self.interface = Interface(fluid, constants) if several else NoOp("find_normals", "gather")
+        self.stress = Stress(
+            fluid,
+            constants,
+            interface=self.interface,
+            strain_rate=self.strain_rate,
+            solved_rate=self.solved_rate,
+            pressure=self.pressure,
+            problem=problem,
+        )
+        at_start = {"strain_rate": self.strain_rate, "pressure": self.pressure}  # of the step
+        self.resistance = HourglassResistance(fluid, constants, **at_start, stress=self.stress)
+        self.correction = DeferredCorrection(
+            fluid, sums, self.strain_rate, self.resistance, averages=self.stress.averages
+        )
+        self.wall_stress = NoOp("set_drive_and_weight", "update_weight", force=no_force)
+        if holds:
+            self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
+        self.shifting = Shifting(fluid, shifts_in_tension=problem.law == "newtonian")
+        self.constraint = VolumeConstraint(
+            fluid, constants, **at_start, shifting=self.shifting, stress=self.stress, pours=bool(scene.inlets)
+        )
+        self.residuals = Residuals(fluid, constants, self.stress, self.constraint)
+        self.operator = MomentumOperator(fluid, sums, constants, stress=self.stress, resistance=self.resistance)
+        self.source = MomentumSource(
+            self.operator,
+            pressure=self.pressure,
+            constraint=self.constraint,
+            correction=self.correction,
+            wall_stress=self.wall_stress,
+        )
+        # in a step the matrix changes with a viscosity that depends on the velocity, and with the friction of walls
+        self.assembles_again = bi_viscosity
+        self.velocity = VelocitySolve(self.operator, continues=not (bi_viscosity or walls.have_friction))
+        solved = {  # constants, and what the fluid gives to the walls at the new velocity
+            "constants": constants,
+            "pressure": self.pressure,
+            "stress": self.stress,
+            "resistance": self.resistance,
+            "solved_rate": self.solved_rate,
+        }
+        self.friction = (
+            WallFriction(fluid, **solved) if walls.have_friction else NoOp("set_initial_slip", "update_slip")
+        )
+        self.wall_loads = NoOp("evaluate", read=lambda _count: {})
+        if problem.wall_loads:
+            first = len(walls.surfaces) - len(scene.walls)  # the axis of rings comes before the walls of the scene
+            measured = [first + k for k in scene.measured_walls.values()]
+            others = {"correction": self.correction, "wall_stress": self.wall_stress}
+            self.wall_loads = WallLoads(fluid, measured, **solved, **others)
+        self.momentum_drift = NoOp("restore")
+        if drifts:
+            turns = not (scene.walls or scene.jolts or any(scene.periodic or ()))
+            self.momentum_drift = MomentumDrift(fluid, constants, self.shifting, directions, turns)
+        self.motion = Motion(fluid, constants=constants, shifting=self.shifting)
+        self.active_set = NoOp(
+            "end_step",
+            "load",
+            "wake",
+            search=lambda _is_read: self.neighbors.search(),
+            state=dict,
+            is_full_step=True,
+            left_out=0,
+            mean_part_left_out=0.0,
+        )
+        if may_stand_still:
+            ahead = FULL_STEP_INTERVAL * self.numerics.courant_number * scene.spacing
+            standstill = Standstill(fluid, constants, self.stress, self.pressure, problem, ahead)
+            self.active_set = ActiveSet(self.neighbors, standstill)
+        # friction is found together with the stress
+        self.viscous_iterations = 0 if walls.have_friction else VISCOUS_ITERATIONS
+        self.first = True  # whether the next step is the first one, or that of a jolt
+        self.rows = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, capacity)
+        self.diagnostics = Diagnostics(
+            fluid, constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations, self.residuals
+        )
+
+    def step(self, dt: float, is_read: bool = False):
+        """Take a step of dt [s], whose result is read or not (``is_read``)."""
+        u, first = self.velocity.velocity, int(self.first)
+        iterations, viscous = max(first * FIRST_ITERATIONS, self.numerics.passes), first * self.viscous_iterations
+        self.constants.set_time_step(dt)
+        self.walls.move_to_middle(dt)
+        self.motion.drift(dt)
+        self.active_set.search(is_read)
+        self.gradient.build()
+        self.predict(dt, first)
+        self.constrain_volume(dt)
+        self.assemble(dt)
+        self.motion.guess(dt, u)
+        self.velocity.multiply_guess()
+        if self.numerics.outer_tolerance:
+            iterations = self.iterate_until_met(iterations, dt, viscous, u)
+        else:
+            for k in repeat(iterations):
+                self.iterate(k, iterations, dt, viscous, u)
+            self.residuals.measure()
+        self.wall_loads.evaluate(u)
+        self.shifting.compute(dt, FULL_STRAIN, 0.0)
+        if self.shifting.shifts_in_tension:
+            self.shifting.remove_mean_shift(dt, FULL_STRAIN)
+        self.momentum_drift.restore(dt, u)
+        self.walls.move_to_end(dt)
+        self.stress.advance(dt, u)
+        self.pressure.keep()
+        self.motion.advance(dt, u, first)
+        self.first = False
+        report = self.diagnostics.report(dt, iterations, self.active_set.left_out)
+        self.active_set.end_step(dt)
+        return report
+
+    # ---- its parts, stages in their order --------------------------------------------------------------------------
+    def predict(self, dt, first):
+        """Set pressure, viscosity and resistances from the last velocity, and the correction of the resistances."""
+        self.pressure.smooth(dt)
+        self.friction.set_initial_slip(dt)
+        self.pressure.find_closed_box(int(self.active_set.is_full_step and self.may_be_full))
+        self.wall_stress.set_drive_and_weight()
+        self.strain_rate.evaluate(dt)
+        self.stress.set_viscosity()
+        self.interface.find_normals()
+        self.interface.gather(self.stress.fluidity)
+        self.resistance.set(dt, first)
+        self.correction.gather(self.constants.deferred_fraction(dt))
+
+    def constrain_volume(self, dt):
+        """The divergence that is wanted, from the packing."""
+        self.shifting.set_tension(dt, self.resistance, self.pressure, self.stress)
+        self.constraint.set(dt)
+        self.constraint.balance()
+        self.pressure.compress()
+
+    def assemble(self, dt):
+        """The matrix, its preconditioner, and what its residual is compared with."""
+        self.operator.assemble(dt)
+        self.velocity.prepare()
+
+    def iterate(self, k, iterations, dt, viscous, u):
+        """Iteration k of the augmented Lagrangian (Uzawa), of so many."""
+        self.source.evaluate(self.velocity.solver)
+        self.velocity.solve(k, iterations, self.numerics.tolerance)
+        self.update_multipliers(k, viscous, u)
+        if self.assembles_again:
+            self.assemble(dt)
+
+    def iterate_until_met(self, max_iterations, dt, viscous, u) -> int:
+        """Iterate until the residuals are below ``outer_tolerance`` after a solve down to its own tolerance, which
+        comes as soon as they are after one of the others; return how often, at most ``max_iterations``."""
+        k, met, last = 0, False, False
+        while k < max_iterations and not (met and last):
+            last = k + 1 == max_iterations or (met and k > viscous)
+            self.iterate(k, k + 1 if last else max_iterations, dt, viscous, u)
+            self.residuals.measure()
+            met = max(self.residuals.read()) <= self.numerics.outer_tolerance
+            k += 1
+        self.unmet += not met
+        return k
+
+    def update_multipliers(self, k, viscous, u):
+        """Stress, pressure and friction from the velocity u."""
+        self.solved_rate.evaluate(u)
+        self.stress.map_to_yield_surface(k, viscous)
+        self.interface.gather(self.stress.fluidity)
+        self.pressure.update_multiplier(self.solved_rate, self.constraint)
+        self.friction.update_slip(u)
+        self.wall_stress.update_weight()
+
+    # ---- around the step ------------------------------------------------------------------------------------
+    def relax(self) -> None:
+        """Relax an unevenly filled body before the first step, with a warning."""
+        self.neighbors.search()
+        if is_uneven(self.base):
+            warnings.warn(
+                f"fluid: unevenly filled, so it is relaxed before the first step ({RELAXATION_SHIFTS} shifts)",
+                stacklevel=3,
+            )
+            for _ in range(RELAXATION_SHIFTS):
+                self.gradient.build()
+                self.shifting.compute(0.0, 1.0, 1.0)
+                self.shifting.shift_particles()
+                self.neighbors.search()
+
+    def set_forces(self, scene, start: float, dt: float) -> None:
+        """Set gravity and the velocities of walls for a step of dt [s] from a time [s]; where they change, particles at
+        rest become active."""
+        super().set_forces(scene, start, dt)
+        if any(part.changes(start) for part in scene.in_time):
+            self.active_set.wake()
+        if scene.jolts_at(start):  # pressure and stress are found anew, as in the first step
+            self.first = True
+
+    def set_problem(self, problem) -> None:
+        """Set the materials of another problem of the same law and geometry, without compiling anew."""
+        self.constants.set_problem(problem)
+
+    def time_step_limits(self, speeds) -> dict[str, float]:
+        """Largest allowed steps [s] by name: what resolves the flow, and the Courant number."""
+        return {"maximum": self.constants.time_step.longest_at(speeds)} | super().time_step_limits(speeds)
+
+    def complete_fields(self) -> None:
+        """Complete the fields before they are read, after a step in which not all particles took part."""
+        if not self.all_active:
+            self.active_set.recall()
+            self.neighbors.search()
+            self.gradient.build()
+            self.stress.find_yielded()
+            self.wall_loads.up_to_date, self.active_set.is_full_step = False, True
+
+    @property
+    def all_active(self) -> bool:
+        """Whether all particles took part in the last step."""
+        return self.active_set.is_full_step
+
+    @property
+    def left_out(self) -> float:
+        """Fraction of the particles that stood still and were left out, mean of all steps [-]."""
+        return self.active_set.mean_part_left_out
+
+    def fields_to_read(self, count: int) -> dict:
+        """Fields of a step, of the first ``count`` rows, that are read besides those that the particles carry."""
+        self.pressure.smooth_for_output()
+        return super().fields_to_read(count) | self.wall_loads.read(count)
+
+    def state(self) -> dict:
+        """Scalars the scheme carries from step to step."""
+        return {"first": self.first, "unmet": self.unmet} | self.active_set.state()
+
+    def load(self, state: dict) -> None:
+        """Load the scalars of a saved state."""
+        self.wall_loads.up_to_date = False
+        self.first, self.unmet = state["first"], state.get("unmet", 0)
+        self.active_set.load(state)
+
+
+def carried(problem) -> dict[str, Carried]:
+    """Fields that particles carry from step to step, by the law and the mixes of a problem."""
+    fields = {"a": Carried("acceleration of the last step", "m/s2", "vector")}
+    several = len(problem.materials) > 1
+    if several:
+        fields["mix"] = Carried("number of the mix", "-", "integer")
+    if problem.law == "yield-stress":
+        fields["stress"] = Carried("deviatoric stress, at most tau_y where rigid", "Pa", "tensor")
+        fields["plastic_rate"] = Carried("deviatoric rate q of the yield law", "1/s", "tensor")
+        if several:
+            fields["fluidity"] = Carried("shear rate of the particle's own mix over its stress", "1/(Pa s)")
+    if any(material.ages for material in problem.materials):
+        fields["structure"] = Carried("structure of a thixotropic material", "-")
+    return fields
+
+
+def may_stand(problem, particles, walls) -> bool:
+    """Whether a part of the fluid may stand still while the rest flows and be left out of a step: with a true yield
+    stress, with enough particles, and without unilateral walls."""
+    if problem.numerics.sleep == "off" or (
+        problem.numerics.sleep == "auto" and particles.capacity < ONE_THREAD_BELOW_ROWS
+    ):
+        return False
+    loose = any(wall.unilateral for wall in walls.surfaces)
+    stands = problem.law == "yield-stress" and problem.rests and not particles.has_walls and not particles.axisymmetric
+    return stands and not loose

@@ -1,0 +1,129 @@
+"""Cost of a run before its first step: steps of the flow and their processor time.
+
+The fastest part of the fluid moves courant_number l0 in a step, a jet that lands or what falls. What a step costs was
+measured in pours, by the number of particles that are there; `python benchmarks/cubic_metre.py` measures it again and
+writes MEASURED.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..engine import ONE_THREAD_BELOW_ROWS, Pouring, Problem, particles_of
+from . import accuracy
+
+MEASURED = Path(__file__).with_name("cost.csv")
+# speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
+LANDING_RATIO = 0.9
+# outer iterations of a step of the measured pours, and their share of its cost
+MEASURED_ITERATIONS, ITERATIONS_SHARE = 6, 0.45
+# time to rest over sqrt(H/g), and over what eta/tau_y is longer than that; of slump cones
+REST_OVER_FALL, REST_OVER_CREEP = 3.5, 12.0
+# path of the fastest particles over H: PATH (rho g H/tau_y)^PATH_EXPONENT; of slump cones
+PATH, PATH_EXPONENT, MAX_PATH = 0.15, 0.6, 3.0
+MIN_STEPS, PLANE_COST = 20.0, 0.6  # steps of any run; cost of a step in a plane or rings over that in space
+SETTLING_TIME = 2.0  # [s] from the last layer to rest
+TIMES = 2000  # intervals of the time, in each of which steps are equally long
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of the flow: number of steps, CPU seconds of one thread without the start of the program, the time
+    [s] at which it is expected to end, and of a pour the share of the seconds at equally spaced times from 0 s to the
+    time limit."""
+
+    steps: float
+    cpu_seconds: float
+    end: float
+    course: np.ndarray | None = None
+
+
+def cost_of(problem: Problem) -> Cost:
+    """Cost of a problem, to the time limit for a pour by the implicit scheme in space, whose steps follow the jet, else
+    to the expected rest. Steps of a slump cone were predicted within a factor of 1.5, of other flows within three."""
+    scene = problem.scene
+    if problem.scheme == "implicit" and scene.dimension == 3 and scene.inlets:
+        return cost_of_pour(problem)
+    known, particles = accuracy.errors_of_run(problem.facts()), particles_of(problem)
+    creep = max(m.typical_slope / max(m.yield_value, 1e-9) for m in problem.materials) - problem.fall_time
+    rests = scene.stop_at_rest and problem.rests
+    rest = REST_OVER_FALL * problem.fall_time + REST_OVER_CREEP * max(creep, 0.0)
+    end = min(scene.until, rest) if rests and not scene.jolts else scene.until
+    weight = max(m.density for m in problem.materials) * problem.gravity * problem.height
+    softness = weight / max(min(m.yield_value for m in problem.materials), 1e-9 * weight)
+    path = min(PATH * softness**PATH_EXPONENT, MAX_PATH) * problem.height
+    path = min(path, end * math.sqrt(2.0 * problem.gravity * problem.height))
+    # a jolt is one fall more
+    path = (1 + len(scene.jolts)) * path if scene.jolts else path + end * problem.speed
+    steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(problem, quiet=True)
+    usual = max(steps, MIN_STEPS)
+    seconds = usual * seconds_of_a_step(particles, particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
+    seconds = known[2].cpu_seconds if known and known[2] else float(seconds)
+    steps = max(usual, end / (problem.numerics.max_time_step or math.inf))
+    course = np.array([0.0, 1.0]) if scene.inlets else None
+    return Cost(steps, steps / usual * iterations_factor(problem.numerics) * seconds, end, course)
+
+
+def iterations_factor(numerics) -> float:
+    """Cost of a step with the outer iterations of these numerics, over that with the usual ones [-]."""
+    return 1.0 + ITERATIONS_SHARE * (getattr(numerics, "passes", MEASURED_ITERATIONS) / MEASURED_ITERATIONS - 1.0)
+
+
+def cost_of_pour(problem: Problem) -> Cost:
+    """Cost of a pour from 0 s to the time limit, if no hose must wait for room."""
+    scene, numerics = problem.scene, problem.numerics
+    pours = [Pouring(scene, inlet) for inlet in scene.inlets]
+    time = scene.until * (np.arange(TIMES) + 0.5) / TIMES
+    layers = [np.clip(np.ceil((time - pour.start) / pour.interval), 0, pour.layers) for pour in pours]
+    particles = len(scene.fluid) + sum(n * len(pour.layer) for n, pour in zip(layers, pours, strict=True))
+    level = level_of(scene, particles * scene.spacing**3)
+    flows = [(time >= pour.start) & (time < pour.start + pour.layers * pour.interval) for pour in pours]
+    landing = [here * landing_speed(problem, pour, time, level) for here, pour in zip(flows, pours, strict=True)]
+    speed = np.maximum(np.max(landing, axis=0), max((wall.speed for wall in scene.walls), default=0.0))
+    step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, quiet=True))
+    step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
+    steps = scene.until / TIMES / step
+    seconds = steps * iterations_factor(numerics) * seconds_of_a_step(particles, particles_of(problem))
+    spent = np.concatenate([[0.0], np.cumsum(seconds)])
+    end = min(scene.until, max(pour.end for pour in pours) + SETTLING_TIME)
+    return Cost(float(steps.sum()), float(spent[-1]), end, spent / spent[-1])
+
+
+def landing_speed(problem: Problem, pour: Pouring, time, level):
+    """Speed [m/s] of a jet at times [s] where it lands, on a heap above the level [m]. With LANDING_RATIO the steps of
+    eight pours were predicted within 15 %; of one with a courant_number of 0.65 24 % too many."""
+    if pour.inlet.height is not None:  # a nozzle lays its bead where that stays
+        return np.full(len(time), pour.speed)
+    mouth = np.array([pour.inlet.centre[-1] + pour.inlet.displacement(t)[-1] for t in time])
+    fall = np.maximum(0.0, mouth - level - 2.0 * pour.inlet.radius)
+    return LANDING_RATIO * np.sqrt(pour.speed**2 + 2.0 * problem.gravity * fall)
+
+
+def level_of(scene, volume):
+    """Level [m] of a volume of fluid [m3] that lies evenly in the cavity; without a cavity, the floor."""
+    if scene.cavity is None:
+        return np.full(np.shape(volume), scene.reach[:, -1].min() - 0.5 * scene.spacing)
+    cells = scene.cavity.cells
+    room = np.concatenate([[0.0], np.cumsum(cells.sum(axis=tuple(range(cells.ndim - 1))))])
+    heights = scene.cavity.low[-1] + scene.cavity.cell[-1] * np.arange(len(room))
+    return np.interp(volume, room * float(np.prod(scene.cavity.cell)), heights)
+
+
+def own_step(problem: Problem, quiet: bool = False) -> float:
+    """Longest step [s] in a slow flow; ``quiet``: when it only settles. That of ``semi-implicit`` is given."""
+    rule = problem.time_step
+    return (
+        problem.numerics.max_time_step if problem.scheme != "implicit" else rule.quiet_step if quiet else rule.longest
+    )
+
+
+def seconds_of_a_step(particles, at_end: int):
+    """CPU seconds of a step of a run with so many particles ``at_end``, by which its stages are fused or not:
+    interpolated as a power between the measured numbers of particles, constant below, in proportion above."""
+    counts, seconds, is_fused = np.loadtxt(MEASURED, delimiter=",").T
+    like_this = is_fused == (at_end < ONE_THREAD_BELOW_ROWS)
+    counts, seconds = counts[like_this], seconds[like_this]
+    within = np.exp(np.interp(np.log(np.maximum(particles, 1.0)), np.log(counts), np.log(seconds)))
+    return within * np.maximum(1.0, particles / counts[-1])
