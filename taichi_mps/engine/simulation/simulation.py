@@ -107,9 +107,9 @@ class Simulation:
         require_memory(self.problem, self._pairs_per_particle)
         to_come = sum(pouring.to_come for pouring in self.pouring)
         self.scheme = SCHEMES[self.problem.scheme](self.problem, to_come, self._pairs_per_particle)
-        base = self.scheme.base
-        self.particles, self.neighbors, self.walls = base.particles, base.neighbors, base.walls
-        self.wall_particles = base.wall_particles
+        fluid = self.scheme.fluid
+        self.particles, self.neighbors, self.walls = fluid.particles, fluid.neighbors, fluid.walls
+        self.wall_particles = fluid.wall_particles
         self.execution = Execution(self.particles.capacity, timed=self._profile)
 
     # ---- stepping -------------------------------------------------------------------------------------------
