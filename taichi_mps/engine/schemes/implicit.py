@@ -31,7 +31,7 @@ FIRST_ITERATIONS = 40  # of the first step, whose pressure and stress start from
 VISCOUS_ITERATIONS = 10
 
 
-class Implicit(Scheme):
+class ImplicitScheme(Scheme):
     """Implicit coupled scheme for fluids by any flow curve, several at once, in two or three dimensions."""
 
     REMEDY = "lower max_time_step or courant_number, or use precision f64"

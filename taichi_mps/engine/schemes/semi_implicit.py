@@ -17,7 +17,7 @@ from .scheme import Scheme
 FULL_STRAIN = 0.005  # in a step, from which on the shift acts fully
 
 
-class SemiImplicit(Scheme):
+class SemiImplicitScheme(Scheme):
     """Semi-implicit scheme for Newtonian and bi-viscosity Bingham fluids in two or three dimensions."""
 
     REMEDY = "shorten courant_number and diffusion_number, leave out literal, or use the scheme implicit"

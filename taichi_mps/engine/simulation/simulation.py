@@ -15,8 +15,8 @@ from ..problem.problem import Problem
 from ..problem.time_step import Speeds
 from ..runtime.backend import in_session, require_room, require_thread, session
 from ..runtime.stages import Execution
-from ..schemes.implicit import Implicit
-from ..schemes.semi_implicit import SemiImplicit
+from ..schemes.implicit import ImplicitScheme
+from ..schemes.semi_implicit import SemiImplicitScheme
 from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
 from .facts import facts_of, judge
@@ -26,7 +26,7 @@ from .pouring import Pouring
 from .rest import Rest
 from .snapshot import crossing, snapshot
 
-SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
+SCHEMES = {"implicit": ImplicitScheme, "semi-implicit": SemiImplicitScheme}
 FREE_FALL_RATIO = 1.2  # maximum over inlet speed above which a jet is in free fall: too loose to judge the volume error
 MIN_ENCLOSED_FRACTION = 0.1  # fraction of enclosed volume from which on the volume error is meaningful: a jet has less
 
