@@ -16,7 +16,7 @@ import numpy as np
 import points
 
 import taichi_mps as mps
-from taichi_mps.forecast.accuracy import HEIGHT, MEASURED, Mix, ModelErrors
+from taichi_mps.forecast.accuracy import HEIGHT, MEASURED, MixNumbers, ModelErrors
 from validation import columns
 from validation.slumps import MILESTONES, inertial
 
@@ -123,7 +123,7 @@ def measured(results: list[dict]) -> list:
         ModelErrors(
             row["model"],
             round(row["spacing"] / HEIGHT, 9),
-            *(round(number, 9) for number in Mix.of(result["yield_value"], result["plastic_viscosity"])),
+            *(round(number, 9) for number in MixNumbers.of(result["yield_value"], result["plastic_viscosity"])),
             abs(row["worst_slump_error_m"]) / HEIGHT,
             abs(reach_error(row)) / HEIGHT,
             row["worst_volume_error"],

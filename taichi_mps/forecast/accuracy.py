@@ -29,7 +29,7 @@ SLOWEST, FASTEST, LIFTED_MIXES = 0.06, 0.3, ((100.0, 50.0), (500.0, 50.0))
 STANDARD = {"base_diameter": 2.0 / 3.0, "top_diameter": 1.0 / 3.0}  # of the cone that was measured, over its height
 
 
-class Mix(NamedTuple):
+class MixNumbers(NamedTuple):
     """Dimensionless numbers of a Bingham mix in a cone of height H."""
 
     yield_number: float  # tau_y/(rho g H)
@@ -49,7 +49,7 @@ class Mix(NamedTuple):
         return "{:g} Pa and {:g} Pa s".format(*(float(f"{number:.3g}") for number in (tau_y, eta)))
 
 
-REFERENCE_MIX = Mix.of(1000.0, 50.0)  # the stiffest mix that is meant where none is given
+REFERENCE_MIX = MixNumbers.of(1000.0, 50.0)  # the stiffest mix that is meant where none is given
 
 
 class ModelErrors(NamedTuple):
@@ -68,9 +68,9 @@ class ModelErrors(NamedTuple):
     reach_scatter: float
 
     @property
-    def mix(self) -> Mix:
+    def mix(self) -> MixNumbers:
         """Mix of this row."""
-        return Mix(self.yield_number, self.viscosity_number)
+        return MixNumbers(self.yield_number, self.viscosity_number)
 
     @property
     def error(self) -> float:
@@ -103,7 +103,7 @@ def weighted_mean(rows, weights) -> ModelErrors:
     return ModelErrors(rows[0].model, *np.dot(weights, [row[1:] for row in rows]).tolist())
 
 
-def interpolate_in_mixes(rows: list[ModelErrors], mix: Mix) -> ModelErrors | None:
+def interpolate_in_mixes(rows: list[ModelErrors], mix: MixNumbers) -> ModelErrors | None:
     """Interpolate errors for a mix from rows of one model and spacing, linearly in the smallest triangle of measured
     mixes around it; None where no triangle surrounds it."""
 
@@ -119,7 +119,7 @@ def interpolate_in_mixes(rows: list[ModelErrors], mix: Mix) -> ModelErrors | Non
     return None
 
 
-def expected(model: str, spacing: float, mix: Mix, rows: list[ModelErrors] | None = None) -> ModelErrors | None:
+def expected(model: str, spacing: float, mix: MixNumbers, rows: list[ModelErrors] | None = None) -> ModelErrors | None:
     """Expected errors of a model, a spacing over H and a mix, with the scatter of runs added: interpolated between the
     two nearest measured spacings, linear in the logarithm. None outside of the measured range."""
     rows = sorted(row for row in (measured() if rows is None else rows) if row.model == model)
@@ -135,14 +135,14 @@ def expected(model: str, spacing: float, mix: Mix, rows: list[ModelErrors] | Non
     return row.of_one_run()._replace(spacing=spacing, **mix._asdict())
 
 
-def nearest(mix: Mix) -> Mix:
+def nearest(mix: MixNumbers) -> MixNumbers:
     """Measured mix nearest to a mix by the logarithms of the two numbers."""
     return min(
         (row.mix for row in measured()), key=lambda other: math.dist(log_coordinates(mix), log_coordinates(other))
     )
 
 
-def errors_of_run(summary: dict) -> tuple[Mix, float, ModelErrors | None] | None:
+def errors_of_run(summary: dict) -> tuple[MixNumbers, float, ModelErrors | None] | None:
     """Mix and height [m] of a run, from its summary, and its expected errors, None where no such mix was measured.
     None instead of all three if the run is of another kind than those measured: the scheme implicit, a cone of standard
     shape at any scale whose mould is gone at once, or lifted off the whole or rings, one Bingham mix."""
@@ -156,7 +156,7 @@ def errors_of_run(summary: dict) -> tuple[Mix, float, ModelErrors | None] | None
         return None
     if any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items()):
         return None
-    mix = Mix.of(mix["yield_value"], mix["plastic_viscosity"], mix["density"], height)
+    mix = MixNumbers.of(mix["yield_value"], mix["plastic_viscosity"], mix["density"], height)
     error = expected(given.get("model"), given.get("spacing", 0.0) / height, mix)
     if given.get("lift_speed") is None:
         return mix, height, error
@@ -167,7 +167,7 @@ def errors_of_run(summary: dict) -> tuple[Mix, float, ModelErrors | None] | None
 def errors_of_lifted(error: ModelErrors, speed: float) -> ModelErrors | None:
     """Expected errors with a mould lifted at a ``speed`` [m/s], at the scale of the standard cone, from the errors with
     a mould that is gone at once; None outside of the measured range."""
-    soft, stiff = (Mix.of(*mix) for mix in LIFTED_MIXES)
+    soft, stiff = (MixNumbers.of(*mix) for mix in LIFTED_MIXES)
     between = soft.yield_number <= error.yield_number <= stiff.yield_number
     as_viscous = 0.5 <= error.viscosity_number / soft.viscosity_number <= 2.0
     slump, reach, coarsest = LIFTED.get(error.model, (0.0, 0.0, 0.0))
@@ -196,7 +196,7 @@ class Choice:
         )
 
 
-def choices(mix: Mix | None = None, height: float = HEIGHT, lift_speed: float | None = None) -> list[Choice]:
+def choices(mix: MixNumbers | None = None, height: float = HEIGHT, lift_speed: float | None = None) -> list[Choice]:
     """Every measured model and spacing with its error for this mix, the cheapest first. No error is less than the error
     of a finer spacing, so that a small error by luck does not count."""
     found = []
@@ -212,7 +212,7 @@ def choices(mix: Mix | None = None, height: float = HEIGHT, lift_speed: float | 
     return sorted(promised, key=lambda choice: choice.cpu_seconds)
 
 
-def errors_for_mix(rows: list[ModelErrors], mix: Mix | None) -> tuple[ModelErrors | None, str]:
+def errors_for_mix(rows: list[ModelErrors], mix: MixNumbers | None) -> tuple[ModelErrors | None, str]:
     """Errors and cost for a mix from rows of one model and spacing, and as text the mixes for which they were measured:
     interpolated, or of the nearest mix if none surround it; without a mix, the largest errors and the mean cost of all
     mixes of 50 Pa s."""
@@ -232,7 +232,7 @@ def choose(
     accuracy: float,
     model: str | None = None,
     spacing: float | None = None,
-    mix: Mix | None = None,
+    mix: MixNumbers | None = None,
     height: float = HEIGHT,
     lift_speed: float | None = None,
 ) -> Choice:

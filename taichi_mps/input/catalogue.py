@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..engine import AnyMaterial, Bingham, Concrete, Scene
-from ..forecast.accuracy import Mix, choose
+from ..forecast.accuracy import MixNumbers, choose
 from ..units import SceneError, Text, require, suggestion, user_path, validated
 
 SceneName = Text | Path
@@ -191,7 +191,7 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -
     if getattr(valid, "accuracy", None) is not None and not {"model", "spacing"} <= set(keywords):
         mix, law = None, scene.material
         if type(law) is Bingham and law.yields and law.straight:  # errors were measured for such mixes alone
-            mix = Mix.of(law.yield_value, law.plastic_viscosity, law.density, valid.height)
+            mix = MixNumbers.of(law.yield_value, law.plastic_viscosity, law.density, valid.height)
         fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
         lift_speed = getattr(valid, "lift_speed", None)
         choice = choose(valid.accuracy, **fixed, mix=mix, height=valid.height, lift_speed=lift_speed)

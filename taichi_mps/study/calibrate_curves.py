@@ -137,7 +137,7 @@ class Runs:
         return ", ".join(f"{in_words(name)} {rounded(value)}" for name, value in self.mix(at).items())
 
 
-class Surface:
+class ResponseSurface:
     """Residuals near a point as a smooth function of it, which averages the scatter of runs: a quadratic regression on
     the logarithms of the constants over the runs within RADIUS. ``correction`` is added. Offsets of time need no runs.
     """
@@ -251,7 +251,7 @@ def calibrate_curves(
         return fit_result(runs, built.material, spacing, bounds, *search(runs, spacing, bounds))
 
 
-def search(runs: Runs, spacing, bounds) -> tuple[np.ndarray, Surface, np.ndarray, np.ndarray]:
+def search(runs: Runs, spacing, bounds) -> tuple[np.ndarray, ResponseSurface, np.ndarray, np.ndarray]:
     """Return the best point within bounds, (2, unknowns), by coarse runs, corrected by finer ones of a ``spacing`` [m],
     the regression near it, and derivatives of the residuals: by the regression, (points, unknowns), and to both sides
     between runs, (2, points, unknowns), nan where a run failed."""
@@ -271,7 +271,7 @@ def search(runs: Runs, spacing, bounds) -> tuple[np.ndarray, Surface, np.ndarray
             pairs = zip(points, runs.compute(points, runs.coarse), strict=True)
             here, *others = (runs.residuals(*pair) if are_done(pair[1]) else unknown for pair in pairs)
             sides = (np.reshape(others, (2, len(at), -1)) - here) / (around - at).sum(2)[..., None]
-            surface = Surface(runs, at)
+            surface = ResponseSurface(runs, at)
             runs.require_reached(at, surface.residuals(at) if here is unknown else here)
             if is_corrected:
                 surface.correction = runs.residuals(at, runs.compute([at], spacing)[0]) - surface.residuals(at)
@@ -288,7 +288,7 @@ def search(runs: Runs, spacing, bounds) -> tuple[np.ndarray, Surface, np.ndarray
     return at, surface, found.jac, np.swapaxes(sides, 1, 2)
 
 
-def fit_result(runs: Runs, material, spacing, bounds, at, surface: Surface, slopes, side_slopes) -> CurveFit:
+def fit_result(runs: Runs, material, spacing, bounds, at, surface: ResponseSurface, slopes, side_slopes) -> CurveFit:
     """Return the result at a point, with intervals by the slopes, the residuals there and the scatter of the runs.
 
     The residuals of a curve are correlated: their variance is scaled by (1 + r)/(1 - r), r the correlation of

@@ -71,7 +71,10 @@ def test_sliders_preview_a_mix_and_its_address_brings_it_back(tmp_path):
         sim.run()
         return sim.measures()
 
-    found, error = measures(1500.0, 30.0), accuracy.expected("axisymmetric", 1.0 / 30.0, accuracy.Mix.of(1500.0, 30.0))
+    found, error = (
+        measures(1500.0, 30.0),
+        accuracy.expected("axisymmetric", 1.0 / 30.0, accuracy.MixNumbers.of(1500.0, 30.0)),
+    )
     softer = measures(300.0, 50.0)
     assert softer["slump_max_m"] < 0.215 < softer["slump_m"]
     with serving(tmp_path) as (port, server), chromium() as browser:
@@ -123,7 +126,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         one.set(yield_value="500 ")
         one.page.locator("#more").evaluate("details => { details.open = true }")
         one.set(spacing="20 mm")
-        error = accuracy.expected("full", 0.02 / 0.3, accuracy.Mix.of(500.0, 50.0))
+        error = accuracy.expected("full", 0.02 / 0.3, accuracy.MixNumbers.of(500.0, 50.0))
         told = one.forecast("particles of 20 mm, model full")
         assert f"Expect the slump within {300.0 * error.slump:.1f} mm" in told
         one.press("run")

@@ -9,26 +9,26 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.forecast import accuracy
-from taichi_mps.forecast.accuracy import Mix, ModelErrors, choices, choose, expected, measured
+from taichi_mps.forecast.accuracy import MixNumbers, ModelErrors, choices, choose, expected, measured
 from taichi_mps.input import catalogue
 from taichi_mps.units import SceneError
 
-MIX = Mix.of(500.0, 50.0)
+MIX = MixNumbers.of(500.0, 50.0)
 SPEEDS = "0.3 m/s", "0.15 m/s", "0.06 m/s"
 
 
-def linear(spacing: float, mix: Mix) -> ModelErrors:
+def linear(spacing: float, mix: MixNumbers) -> ModelErrors:
     """A measurement whose errors are linear in the logarithms of the mix and of the spacing."""
     x, y = math.log(mix.yield_number), math.log(mix.viscosity_number)
     error = 1.0 + 0.1 * x - 0.05 * y + 0.2 * math.log(spacing)
     return ModelErrors("quarter", spacing, *mix, *(k * error for k in range(1, 7)))
 
 
-CORNERS = [Mix(0.01, 0.01), Mix(0.2, 0.02), Mix(0.05, 0.5), Mix(0.03, 0.05)]
+CORNERS = [MixNumbers(0.01, 0.01), MixNumbers(0.2, 0.02), MixNumbers(0.05, 0.5), MixNumbers(0.03, 0.05)]
 ROWS = [linear(spacing, mix) for spacing in (0.02, 0.05) for mix in CORNERS]
 
 
-@pytest.mark.parametrize("mix", [*CORNERS, Mix(0.03, 0.03), Mix(0.06, 0.06), Mix(0.1, 0.1)])
+@pytest.mark.parametrize("mix", [*CORNERS, MixNumbers(0.03, 0.03), MixNumbers(0.06, 0.06), MixNumbers(0.1, 0.1)])
 @pytest.mark.parametrize("spacing", [0.02, 0.03, 0.05])
 def test_between_what_was_measured_it_is_linear(mix, spacing):
     found, exact = expected("quarter", spacing, mix, ROWS), linear(spacing, mix)
@@ -40,7 +40,13 @@ def test_between_what_was_measured_it_is_linear(mix, spacing):
 
 @pytest.mark.parametrize(
     ("spacing", "mix"),
-    [(0.03, Mix(0.001, 0.05)), (0.03, Mix(0.05, 5.0)), (0.03, Mix(0.3, 0.3)), (0.01, CORNERS[3]), (0.06, CORNERS[3])],
+    [
+        (0.03, MixNumbers(0.001, 0.05)),
+        (0.03, MixNumbers(0.05, 5.0)),
+        (0.03, MixNumbers(0.3, 0.3)),
+        (0.01, CORNERS[3]),
+        (0.06, CORNERS[3]),
+    ],
 )
 def test_nothing_is_said_beyond_the_measured_mixes_and_spacings(spacing, mix):
     assert expected("quarter", spacing, mix, ROWS) is None
@@ -49,7 +55,7 @@ def test_nothing_is_said_beyond_the_measured_mixes_and_spacings(spacing, mix):
 def test_the_file_has_what_the_words_promise():
     for model in ("full", "half", "quarter", "axisymmetric"):
         assert expected(model, 0.01 / 0.3, MIX), model
-    for mix in (Mix.of(40.0, 30.0), Mix.of(1000.0, 200.0), Mix.of(200.0, 500.0)):
+    for mix in (MixNumbers.of(40.0, 30.0), MixNumbers.of(1000.0, 200.0), MixNumbers.of(200.0, 500.0)):
         assert expected("full", 0.02 / 0.3, mix)
     assert all(0.0 <= row.error < 0.2 and row.cpu_seconds > 0.0 for row in measured())
 
@@ -112,7 +118,7 @@ def test_nothing_is_said_of_other_tests_and_laws(change):
 # ---- a choice --------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("wanted", [0.002, 0.003, 0.005, 0.01, 0.02])
 @pytest.mark.parametrize("given", [{}, {"model": "quarter"}, {"spacing": 0.01}], ids=["free", "quarter", "10 mm"])
-@pytest.mark.parametrize("mix", [None, MIX, Mix.of(50.0, 40.0)], ids=["any mix", "500 Pa", "50 Pa"])
+@pytest.mark.parametrize("mix", [None, MIX, MixNumbers.of(50.0, 40.0)], ids=["any mix", "500 Pa", "50 Pa"])
 def test_nothing_that_is_good_enough_is_cheaper(wanted, given, mix):
     there = [c for c in choices(mix) if all(getattr(c, key) == value for key, value in given.items())]
     fitting = [c for c in there if c.error <= wanted and c.volume_error <= 0.01]

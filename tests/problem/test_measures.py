@@ -132,7 +132,7 @@ def test_the_speed_of_what_moves(part):
     scene = mps.Scene("front", mps.Newtonian(), 0.02, x, ((-1.0, -1.0), (2.0, 2.0)), velocity=u)
     sim = mps.Simulation(scene)
     sim.neighbors.search()
-    sim.scheme.gradient.build()
+    sim.scheme.fluid.gradient.build()
     report = sim.scheme.diagnostics.report(0.1, 1)
     assert (report.max_speed, report.moving_speed) == pytest.approx((0.3, 0.3), rel=1e-12)
     assert report.mean_speed == pytest.approx(0.3 * part**0.5, rel=1e-9)

@@ -98,7 +98,7 @@ def test_the_numbers_are_those_of_the_summary_and_the_history(run, tab):
     for key in ("slump_m", "spread_m"):
         assert written(key, summary[key]) in text
     assert re.search(r"yield stress\s+500 Pa", text) and re.search(r"particle size\s+20 mm", text)
-    known = accuracy.expected("quarter", 0.02 / 0.3, accuracy.Mix.of(500.0, 50.0))
+    known = accuracy.expected("quarter", 0.02 / 0.3, accuracy.MixNumbers.of(500.0, 50.0))
     assert f"20 mm\t{300.0 * known.slump:.1f} mm\t{600.0 * known.reach:.0f} mm\t{known.volume:.1%}" in text
     curves = {curve["name"]: curve for chart in tab.evaluate("data.charts") for curve in chart["curves"]}
     for name, key in (("slump", "slump_m"), ("share flowing", "flowing_fraction")):

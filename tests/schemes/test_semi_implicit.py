@@ -143,7 +143,7 @@ def test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one():
     r = np.linalg.norm(rows["x"][:, None] - rows["x"][None], axis=2)
     np.fill_diagonal(r, np.inf)
     w = np.maximum(2.1 * L0 / r - 1.0, 0.0)
-    lattice, density = scheme.base.lattice, w.sum(1)
+    lattice, density = scheme.fluid.lattice, w.sum(1)
     carries = (rows["kind"] != 2) & (density >= 0.97 * lattice.n0)
     unknown = np.flatnonzero(carries)
     assert 20 < len(unknown) < n
@@ -379,7 +379,7 @@ def test_a_neighbour_list_is_kept_while_nobody_went_far(free):
     rng = np.random.default_rng(9)
     x = block(2, 8)
     simulation = free(x)
-    neighbors, gradient, particles = simulation.neighbors, simulation.scheme.gradient, simulation.particles
+    neighbors, gradient, particles = simulation.neighbors, simulation.scheme.fluid.gradient, simulation.particles
     for size, kept in ((0.04, True), (0.3, False)):
         x = x + size * L0 * (rng.uniform(-0.7, 0.7, x.shape))
         rows = particles.read()

@@ -60,7 +60,7 @@ def test_walls_at_rest_that_do_not_meet_cost_neither_motion_nor_corners_nor_a_yi
     ):
         forbid(owner, name)
     sim = simulate(NEWTONIAN)
-    assert not hasattr(sim.walls.ghosts, "corner") and not hasattr(sim.scheme.gradient, "hoop")
+    assert not hasattr(sim.walls.ghosts, "corner") and not hasattr(sim.scheme.fluid.gradient, "hoop")
     assert not {"ring", "slip_0", "stress"} & set(sim.particles.carried)
     with pytest.raises(Exception, match="not paid for"):
         simulate(NEWTONIAN, walls=(FLOOR, WEST))

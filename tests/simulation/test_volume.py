@@ -20,7 +20,7 @@ def test_packing_counts_volume_whatever_the_disorder():
     sim = mps.Simulation(scene)
     sim.run(until=0.5)
     moved = np.abs(sim.snapshot().x - scene.fluid).max()
-    packing = sim.scheme.gradient.packing.to_numpy()[: len(scene.fluid)]
+    packing = sim.scheme.fluid.gradient.packing.to_numpy()[: len(scene.fluid)]
     assert moved > 3.0 * l0 and packing.std() > 0.01  # the lattice is gone
     assert packing.mean() == pytest.approx(1.0, abs=0.015)
 
@@ -81,7 +81,7 @@ def test_all_that_a_hole_in_a_full_closed_box_lacks_is_wanted():
     G = in_order(sim, sim.scheme.strain_rate.G.to_numpy()[:, :, :2])
     to_the_end = 0.5 * sim.report.dt * np.einsum("nij,nji->n", G, G)
     wanted = in_order(sim, sim.scheme.constraint.divergence.to_numpy()) - to_the_end
-    lack = 1.0 - in_order(sim, sim.scheme.gradient.packing.to_numpy())
+    lack = 1.0 - in_order(sim, sim.scheme.fluid.gradient.packing.to_numpy())
     beside, dt = wanted.argmin(), sim.report.dt
     known = -0.05 * lack[beside] / dt * min(1.0, rate[beside] * dt / 0.02)
     assert lack[beside] > 0.1

@@ -9,7 +9,7 @@ from taichi_mps.engine.particles.particles import FLUID
 def find(sim) -> None:
     """Neighbours and fits of the particles where they are now."""
     sim.neighbors.search()
-    sim.scheme.gradient.build()
+    sim.scheme.fluid.gradient.build()
 
 
 def loaded(sim, x, u=0.0):

@@ -65,7 +65,7 @@ def test_few_rings_in_layers_stay_where_they_are():
     material = mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=20000.0)
     sim = mps.Simulation(mps.Scene("rings", material, SPACING, fluid, ((-0.2, -0.2, -0.1), (0.2, 0.2, 0.4))))
     sim.neighbors.search()
-    assert not is_uneven(sim.scheme.base)
+    assert not is_uneven(sim.scheme.fluid)
 
 
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.long)])
@@ -77,7 +77,7 @@ def test_a_jittered_fill_is_even_after_it_fills_the_same_room_and_is_in_front_of
     fluid, sim = begun(block, 0.3)
     with pytest.warns(UserWarning, match="fluid: unevenly filled, so it is relaxed before the first step"):
         x = relaxed(sim)
-    assert not is_uneven(sim.scheme.base)
+    assert not is_uneven(sim.scheme.fluid)
     assert pdist(x).min() > 0.6 * SPACING > 1.2 * pdist(fluid).min()
     assert x.mean(0) == pytest.approx(fluid.mean(0), abs=0.05 * SPACING)
     assert np.ptp(x, axis=0) == pytest.approx(np.ptp(fluid, axis=0), abs=0.6 * SPACING)
@@ -108,7 +108,7 @@ def test_what_has_flowed_is_even(plane):
     _, sim = begun(plane, yield_value=100.0)
     sim.run()
     assert np.ptp(sim.snapshot().x[:, 0]) > 1.2 * WIDTH
-    assert not is_uneven(sim.scheme.base)
+    assert not is_uneven(sim.scheme.fluid)
 
 
 def test_a_fill_that_goes_through_periodic_sides_is_relaxed_through_them(monkeypatch):

@@ -23,8 +23,8 @@ def scheme():
     state, scheme = sim.state(), sim.scheme
     sim.load(state | {"mix": (state["x"][:, 1] > 0.05).astype(np.int32)})
     with sim.execution.active():
-        scheme.neighbors.search()
-        scheme.gradient.build()
+        scheme.fluid.neighbors.search()
+        scheme.fluid.gradient.build()
         scheme.strain_rate.evaluate(0.0)
         scheme.stress.set_viscosity()
         scheme.interface.find_normals()
@@ -34,8 +34,8 @@ def scheme():
 
 def rows_of(scheme, field):
     """Mean of a field over each of the ten rows, and its scatter in them."""
-    count = scheme.particles.count[None]
-    row = np.floor(scheme.particles.x.to_numpy()[:count, 1] / SPACING).astype(int)
+    count = scheme.fluid.particles.count[None]
+    row = np.floor(scheme.fluid.particles.x.to_numpy()[:count, 1] / SPACING).astype(int)
     values = field.to_numpy()[:count]
     assert max(np.ptp(values[row == k], axis=0).max() for k in range(10)) < 1e-9
     return np.array([values[row == k].mean(axis=0) for k in range(10)])
@@ -59,8 +59,8 @@ class Viscous:
     """Stress of every particle for one velocity gradient."""
 
     def __init__(self, scheme):
-        self.stress, self.count = scheme.stress, scheme.particles.count
-        self.T = ti.Matrix.field(2, 2, ti.f64, scheme.particles.capacity)
+        self.stress, self.count = scheme.stress, scheme.fluid.particles.count
+        self.T = ti.Matrix.field(2, 2, ti.f64, scheme.fluid.particles.capacity)
 
     @ti.kernel
     def run(self, xx: ti.f64, xy: ti.f64, yx: ti.f64):

@@ -8,11 +8,11 @@ import numpy as np
 from pydantic import InstanceOf
 
 from ...units import Size, require, validated, vector
-from .shapes import MAX_POINTS, Surface
+from .shapes import MAX_POINTS, HasDistance
 
 
 @runtime_checkable
-class Particles(Protocol):
+class HasPositions(Protocol):
     """Protocol of the fluid in a cavity: it has positions ``x`` (n, d) [m]."""
 
     x: np.ndarray
@@ -55,7 +55,7 @@ class Cavity:
 
     low: vector("m")
     high: vector("m")
-    walls: tuple[InstanceOf[Surface], ...]
+    walls: tuple[InstanceOf[HasDistance], ...]
     spacing: Size
 
     def __post_init__(self):
@@ -107,7 +107,7 @@ class Cavity:
         return np.broadcast_to(room, len(x)).reshape(self.shape)
 
     @validated
-    def filled(self, s: InstanceOf[Particles]) -> np.ndarray:
+    def filled(self, s: InstanceOf[HasPositions]) -> np.ndarray:
         """Return which cells of the cavity are filled.
 
         Parameters
@@ -131,7 +131,7 @@ class Cavity:
         return filled & self.cells
 
     @validated
-    def by_height(self, s: InstanceOf[Particles]) -> tuple[np.ndarray, np.ndarray]:
+    def by_height(self, s: InstanceOf[HasPositions]) -> tuple[np.ndarray, np.ndarray]:
         """Return the filled fraction of each layer of cells.
 
         Parameters
@@ -151,7 +151,7 @@ class Cavity:
         return self.middles(len(rest)), np.where(room > 0, filled / np.maximum(room, 1), np.nan)
 
     @validated
-    def report(self, s: InstanceOf[Particles]) -> dict:
+    def report(self, s: InstanceOf[HasPositions]) -> dict:
         """Summarize how the cavity is filled.
 
         Parameters

@@ -34,14 +34,14 @@ class Body(Protocol):
 
 
 @runtime_checkable
-class Surface(Protocol):
+class HasDistance(Protocol):
     """Protocol of a surface that bounds a fluid: it has ``distance(x)``.
 
     Examples
     --------
     >>> import taichi_mps as mps
-    >>> from taichi_mps.engine.geometry.shapes import Surface
-    >>> isinstance(mps.Plane((0.0, 0.0), (0.0, 1.0)), Surface)
+    >>> from taichi_mps.engine.geometry.shapes import HasDistance
+    >>> isinstance(mps.Plane((0.0, 0.0), (0.0, 1.0)), HasDistance)
     True
     """
 
@@ -337,7 +337,7 @@ def fill_rings(solid: InstanceOf[Body], spacing: Size):
 
 
 @validated
-def fill(solid: InstanceOf[Body], spacing: Size, mirrors: Sequence[InstanceOf[Surface]] = ()):
+def fill(solid: InstanceOf[Body], spacing: Size, mirrors: Sequence[InstanceOf[HasDistance]] = ()):
     """Fill a body with particles on a lattice.
 
     Parameters

@@ -24,7 +24,7 @@ from ...units import (
     vector,
 )
 from .in_time import Moving, in_time
-from .shapes import Box, Surface
+from .shapes import Box, HasDistance
 
 
 class Friction(Checked):
@@ -415,7 +415,7 @@ def vessel(section: Sequence, sides: Sequence, half_width: real("m", ge=0.0, le=
 
 
 @validated
-def behind(walls: Sequence[InstanceOf[Surface]], x: points("m"), thick: Size):
+def behind(walls: Sequence[InstanceOf[HasDistance]], x: points("m"), thick: Size):
     """Return the positions that lie behind a wall, as places of wall particles.
 
     Parameters

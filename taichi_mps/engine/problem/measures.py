@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import InstanceOf
 
 from ...units import Flag, SceneError, Size, Time, array, array_of, points, quote, real, require, validated, vector
-from ..geometry.shapes import MAX_POINTS, Surface
+from ..geometry.shapes import MAX_POINTS, HasDistance
 from .loads import Load
 
 # Bounds of radius over size of the rings that get a particle on the axis: particles of smaller rings cover the axis,
@@ -699,7 +699,7 @@ def by_height(s: InstanceOf[Snapshot], values: Values, edges: array("m", (None,)
 
 
 @validated
-def clearance(s: InstanceOf[Snapshot], walls: Sequence[InstanceOf[Surface]]) -> float:
+def clearance(s: InstanceOf[Snapshot], walls: Sequence[InstanceOf[HasDistance]]) -> float:
     """Return the least distance of a particle from the walls.
 
     Parameters

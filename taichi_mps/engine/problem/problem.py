@@ -16,6 +16,7 @@ from .time_step import TimeStep
 OUTPUT_INTERVAL = 0.3  # interval of the outputs over sqrt(H/g): a body falls much faster than it creeps
 FREE_SURFACE_ROOM = 1.1  # room in front of the walls over the volume of the fluid from which on it has a free surface
 SAMPLE_COUNT = 1 << 15  # points of the domain by which the room is estimated, within 1 % for a box of a third of it
+RUNAWAY = 10.0  # speed over the expected one beyond which a run has diverged
 WEIGHTLESS = 0.1  # substitute for gravity in a scene without weight: over U^2/H, or [m/s2] where nothing moves
 
 
@@ -156,6 +157,32 @@ class Problem:
     def time_step(self) -> TimeStep:
         """Rule of the time step of ``implicit``."""
         return TimeStep(self)
+
+    @cached_property
+    def expected_speed(self) -> float:
+        """Largest speed [m/s] of what falls, is thrown, poured, jolted and moved by walls, all together.
+
+        The fall is through the whole domain; infinite where nothing moves the fluid.
+        """
+        scene = self.scene
+        fall = (2.0 * norm(scene.gravity_vector) * norm(np.subtract(*scene.domain))) ** 0.5
+        thrown = 0.0 if scene.velocity is None else norm(scene.velocity, axis=1).max()
+        jet = max((norm(inlet.fastest(scene.spacing)) for inlet in scene.inlets), default=0.0)
+        walls = max((wall.speed for wall in scene.walls), default=0.0)
+        return float(fall + walls + thrown + jet + scene.jolted(scene.initial)) or np.inf
+
+    @cached_property
+    def runaway_speed(self) -> float:
+        """Speed [m/s] beyond which a run has diverged.
+
+        RUNAWAY times the expected one, and what walls that travel and inlets push out through the gap of a particle, by
+        continuity.
+        """
+        scene = self.scene
+        gap = (float(np.ptp(scene.expected.fluid, axis=0).max()) / scene.spacing + 1.0) ** (scene.dimension - 1)
+        travel = max((float(norm(wall.travel)) for wall in scene.walls), default=0.0)
+        poured = sum(inlet.rate for inlet in scene.inlets) / scene.spacing ** (scene.dimension - 1)
+        return RUNAWAY * self.expected_speed + travel * gap + poured
 
     def facts(self) -> dict:
         """Return what is known before a run starts.

@@ -31,23 +31,23 @@ FIRST_ITERATIONS = 40  # of the first step, whose pressure and stress start from
 VISCOUS_ITERATIONS = 10
 
 
-class Implicit(Scheme):
+class ImplicitScheme(Scheme):
     """Implicit coupled scheme for fluids by any flow curve, several at once, in two or three dimensions."""
 
     REMEDY = "lower max_time_step or courant_number, or use precision f64"
 
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
         super().__init__(problem, carried(problem), to_come, pairs_per_particle)
-        scene, fluid, walls, capacity = problem.scene, self.base, self.walls, self.particles.capacity
-        constants = self.constants = Constants(self.particles, problem, fluid.gravity, fluid.twist)
-        sums = PairSums(self.particles, self.gradient, walls)
+        scene, fluid, walls = problem.scene, self.fluid, self.fluid.walls
+        constants = self.constants = Constants(fluid.particles, problem, fluid.gravity, fluid.twist)
+        sums = PairSums(fluid.particles, fluid.gradient, walls)
         # which terms the scene needs: the stages of the others do nothing
         bi_viscosity, several = problem.law == "bi-viscosity", len(problem.materials) > 1
         holds = any(not wall.slip for wall in walls.surfaces)
         directions = free_directions(scene, problem.numerics.walls)
         drifts = directions.any()
         self.may_be_full = problem.may_be_full(to_come)
-        may_stand_still = may_stand(problem, self.particles, walls) and not drifts
+        may_stand_still = may_stand(problem, fluid.particles, walls) and not drifts
 
         self.pressure = Pressure(fluid, constants)
         self.strain_rate = StrainRate(fluid, sums)
@@ -111,7 +111,7 @@ class Implicit(Scheme):
             "end_step",
             "load",
             "wake",
-            search=lambda _is_read: self.neighbors.search(),
+            search=lambda _is_read: fluid.neighbors.search(),
             state=dict,
             is_full_step=True,
             left_out=0,
@@ -120,11 +120,11 @@ class Implicit(Scheme):
         if may_stand_still:
             ahead = FULL_STEP_INTERVAL * self.numerics.courant_number * scene.spacing
             standstill = Standstill(fluid, constants, self.stress, self.pressure, problem, ahead)
-            self.active_set = ActiveSet(self.neighbors, standstill)
+            self.active_set = ActiveSet(fluid.neighbors, standstill)
         # friction is found together with the stress
         self.viscous_iterations = 0 if walls.have_friction else VISCOUS_ITERATIONS
         self.first = True  # whether the next step is the first one, or that of a jolt
-        self.rows = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, capacity)
+        self.rows = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, fluid.particles.capacity)
         self.diagnostics = Diagnostics(
             fluid, constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations, self.residuals
         )
@@ -134,10 +134,10 @@ class Implicit(Scheme):
         u, first = self.velocity.velocity, int(self.first)
         iterations, viscous = max(first * FIRST_ITERATIONS, self.numerics.passes), first * self.viscous_iterations
         self.constants.set_time_step(dt)
-        self.walls.move_to_middle(dt)
+        self.fluid.walls.move_to_middle(dt)
         self.motion.drift(dt)
         self.active_set.search(is_read)
-        self.gradient.build()
+        self.fluid.gradient.build()
         self.predict(dt, first)
         self.constrain_volume(dt)
         self.assemble(dt)
@@ -154,7 +154,7 @@ class Implicit(Scheme):
         if self.shifting.shifts_in_tension:
             self.shifting.remove_mean_shift(dt, FULL_STRAIN)
         self.momentum_drift.restore(dt, u)
-        self.walls.move_to_end(dt)
+        self.fluid.walls.move_to_end(dt)
         self.stress.advance(dt, u)
         self.pressure.keep()
         self.motion.advance(dt, u, first)
@@ -222,17 +222,17 @@ class Implicit(Scheme):
     # ---- around the step ------------------------------------------------------------------------------------
     def relax(self) -> None:
         """Relax an unevenly filled body before the first step, with a warning."""
-        self.neighbors.search()
-        if is_uneven(self.base):
+        self.fluid.neighbors.search()
+        if is_uneven(self.fluid):
             warnings.warn(
                 f"fluid: unevenly filled, so it is relaxed before the first step ({RELAXATION_SHIFTS} shifts)",
                 stacklevel=3,
             )
             for _ in range(RELAXATION_SHIFTS):
-                self.gradient.build()
+                self.fluid.gradient.build()
                 self.shifting.compute(0.0, 1.0, 1.0)
                 self.shifting.shift_particles()
-                self.neighbors.search()
+                self.fluid.neighbors.search()
 
     def set_forces(self, scene, start: float, dt: float) -> None:
         """Set gravity and the velocities of walls for a step of dt [s] from a time [s]; where they change, particles at
@@ -255,8 +255,8 @@ class Implicit(Scheme):
         """Complete the fields before they are read, after a step in which not all particles took part."""
         if not self.all_active:
             self.active_set.recall()
-            self.neighbors.search()
-            self.gradient.build()
+            self.fluid.neighbors.search()
+            self.fluid.gradient.build()
             self.stress.find_yielded()
             self.wall_loads.up_to_date, self.active_set.is_full_step = False, True
 

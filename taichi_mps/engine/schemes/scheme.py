@@ -35,9 +35,8 @@ class Scheme:
     left_out = 0.0  # part of the particles that was left out of the steps, mean of all [-]
 
     def __init__(self, problem, carried: dict[str, Carried], to_come: int, pairs_per_particle: float):
-        base = self.base = Discretisation(problem, carried, to_come, pairs_per_particle)
-        self.particles, self.neighbors, self.walls = base.particles, base.neighbors, base.walls
-        self.gradient, self.numerics, self.spacing = base.gradient, problem.numerics, problem.scene.spacing
+        self.fluid = Fluid(problem, carried, to_come, pairs_per_particle)
+        self.numerics, self.spacing = problem.numerics, problem.scene.spacing
 
     def time_step_limits(self, speeds: Speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name, for what moves now: here by the Courant number."""
@@ -47,15 +46,15 @@ class Scheme:
     def set_forces(self, scene, start: float, dt: float) -> None:
         """Set gravity and the velocities of walls for a step of dt [s] from a time [s]: their means over the step,
         where they change. A jolt is a gravity during one step."""
-        base, jolts = self.base, scene.jolts_at(start)
+        fluid, jolts = self.fluid, scene.jolts_at(start)
         if scene.gravity_in_time is not None or scene.jolts:
             flush()
             changing = scene.gravity_in_time
             mean = scene.gravity_vector if changing is None else changing.integral(start, start + dt) / dt
-            base.gravity[None] = mean + sum(jolt.at_origin for jolt in jolts) / dt
-        if base.twist is not None:
-            base.twist[None] = np.sum([jolt.spin for jolt in jolts] or [0.0 * scene.jolts[0].spin], axis=0) / dt
-        self.walls.set_velocities(dt)
+            fluid.gravity[None] = mean + sum(jolt.at_origin for jolt in jolts) / dt
+        if fluid.twist is not None:
+            fluid.twist[None] = np.sum([jolt.spin for jolt in jolts] or [0.0 * scene.jolts[0].spin], axis=0) / dt
+        self.fluid.walls.set_velocities(dt)
 
     def relax(self) -> None:
         """Relax an uneven fill before the first step, where the scheme needs it."""
@@ -68,8 +67,8 @@ class Scheme:
         return self.rows.read(count)
 
 
-class Discretisation:
-    """Particles, neighbour list, walls, gradient and gravity of a problem: what every term is given.
+class Fluid:
+    """Discretised fluid of a problem: particles, neighbour list, walls, gradient and gravity, what every term is given.
 
     ``carried``: what the terms of a scheme want the particles to carry; ``pairs_per_particle``: room for neighbours,
     over those of a full lattice.

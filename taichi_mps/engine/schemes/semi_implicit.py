@@ -17,7 +17,7 @@ from .scheme import Scheme
 FULL_STRAIN = 0.005  # in a step, from which on the shift acts fully
 
 
-class SemiImplicit(Scheme):
+class SemiImplicitScheme(Scheme):
     """Semi-implicit scheme for Newtonian and bi-viscosity Bingham fluids in two or three dimensions."""
 
     REMEDY = "shorten courant_number and diffusion_number, leave out literal, or use the scheme implicit"
@@ -25,23 +25,23 @@ class SemiImplicit(Scheme):
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
         super().__init__(problem, {}, to_come, pairs_per_particle)
         material, literal = problem.scene.material, self.numerics.literal
-        self.viscosity = ExplicitViscosity(self.base, material)
-        self.pressure = PressurePoisson(self.base, material.density, self.numerics)
-        self.collisions = NoOp("collide") if literal else Collisions(self.base)
-        self.shifting = NoOp("compute", "shift_particles") if literal else Shifting(self.base, shifts_in_tension=False)
+        self.viscosity = ExplicitViscosity(self.fluid, material)
+        self.pressure = PressurePoisson(self.fluid, material.density, self.numerics)
+        self.collisions = NoOp("collide") if literal else Collisions(self.fluid)
+        self.shifting = NoOp("compute", "shift_particles") if literal else Shifting(self.fluid, shifts_in_tension=False)
         self.largest_viscosity = 0.0  # of the last step [Pa s]; 0 before the first one
         yielded, solver = self.viscosity.yielded, self.pressure.solver
-        self.rows = FieldIO({"yielded": yielded}, self.particles.capacity)
-        self.diagnostics = Diagnostics(self.base, self.viscosity, yielded, solver, solver.iterations)
+        self.rows = FieldIO({"yielded": yielded}, self.fluid.particles.capacity)
+        self.diagnostics = Diagnostics(self.fluid, self.viscosity, yielded, solver, solver.iterations)
 
     def step(self, dt: float, is_read: bool = False):
         """Advance by one step of dt [s]."""
-        self.neighbors.search()
-        self.gradient.build()
+        self.fluid.neighbors.search()
+        self.fluid.gradient.build()
         iterations = self.viscosity.predict(dt, self.numerics.picard_tolerance, self.numerics.picard_limit)
         self.collisions.collide(self.viscosity.u_star)
         self.viscosity.move(dt)
-        self.neighbors.search()
+        self.fluid.neighbors.search()
         self.pressure.weigh()
         self.pressure.solve(dt, self.numerics.tolerance)
         self.pressure.correct(dt)

@@ -15,8 +15,8 @@ from ..problem.problem import Problem
 from ..problem.time_step import Speeds
 from ..runtime.backend import in_session, require_room, require_thread, session
 from ..runtime.stages import Execution
-from ..schemes.implicit import Implicit
-from ..schemes.semi_implicit import SemiImplicit
+from ..schemes.implicit import ImplicitScheme
+from ..schemes.semi_implicit import SemiImplicitScheme
 from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
 from .facts import facts_of, judge
@@ -26,10 +26,9 @@ from .pouring import Pouring
 from .rest import Rest
 from .snapshot import crossing, snapshot
 
-SCHEMES = {"implicit": Implicit, "semi-implicit": SemiImplicit}
+SCHEMES = {"implicit": ImplicitScheme, "semi-implicit": SemiImplicitScheme}
 FREE_FALL_RATIO = 1.2  # maximum over inlet speed above which a jet is in free fall: too loose to judge the volume error
 MIN_ENCLOSED_FRACTION = 0.1  # fraction of enclosed volume from which on the volume error is meaningful: a jet has less
-RUNAWAY = 10.0  # speed over that of what falls or was thrown beyond which a run has diverged
 
 
 class Simulation:
@@ -79,17 +78,6 @@ class Simulation:
         self.time, self.steps, self.report = 0.0, 0, None
         self._interrupted = self._compiled = False
         self._last_dt = None
-        across = float(np.ptp(scene.expected.fluid, axis=0).max()) / scene.spacing + 1.0  # particles
-        height = float(np.linalg.norm(np.subtract(*scene.domain)))  # of a fall through the whole domain [m]
-        fall = math.sqrt(2.0 * float(np.linalg.norm(scene.gravity_vector)) * height)
-        thrown = 0.0 if scene.velocity is None else float(np.linalg.norm(scene.velocity, axis=1).max())
-        jet = max((pouring.speed for pouring in self.pouring), default=0.0) + scene.jolted(scene.initial)
-        walls = max((wall.speed for wall in scene.walls), default=0.0)
-        self._expected_speed = fall + walls + thrown + jet or math.inf  # of all together, at most [m/s]
-        # what walls that travel and inlets push out through the gap of a particle, by continuity [m/s]
-        pushed = max((float(np.linalg.norm(wall.travel)) for wall in scene.walls), default=0.0)
-        pushed += sum(inlet.rate for inlet in scene.inlets) / (across * scene.spacing) ** (scene.dimension - 1)
-        self._runaway = RUNAWAY * self._expected_speed + pushed * across ** (scene.dimension - 1)
         self._volume = float(scene.volumes.sum())  # of the fluid that is there [m3]
         self.rest = Rest()
 
@@ -107,9 +95,9 @@ class Simulation:
         require_memory(self.problem, self._pairs_per_particle)
         to_come = sum(pouring.to_come for pouring in self.pouring)
         self.scheme = SCHEMES[self.problem.scheme](self.problem, to_come, self._pairs_per_particle)
-        base = self.scheme.base
-        self.particles, self.neighbors, self.walls = base.particles, base.neighbors, base.walls
-        self.wall_particles = base.wall_particles
+        fluid = self.scheme.fluid
+        self.particles, self.neighbors, self.walls = fluid.particles, fluid.neighbors, fluid.walls
+        self.wall_particles = fluid.wall_particles
         self.execution = Execution(self.particles.capacity, timed=self._profile)
 
     # ---- stepping -------------------------------------------------------------------------------------------
@@ -217,7 +205,7 @@ class Simulation:
                 return self.scheme.step(dt, is_read)
         except EscapedError as error:
             where, speed = crossing(self.particles.read(), self.scene) or ("", math.inf)
-            if speed <= self._expected_speed:
+            if speed <= self.problem.expected_speed:
                 self._diverge(where, DomainError)
             self._diverge(f"{error}; {self.scheme.REMEDY}")  # no number, or faster than what fell or was thrown
         except CapacityError as error:
@@ -230,7 +218,7 @@ class Simulation:
 
     def _require_sound(self):
         """Raise DivergedError where the numbers mean nothing any more."""
-        failure = self.scheme.diagnostics.failure(self.report, self._runaway, self._volume)
+        failure = self.scheme.diagnostics.failure(self.report, self.problem.runaway_speed, self._volume)
         if failure:
             self._diverge(f"{failure}; {self.scheme.REMEDY}")
         for law in self._own_laws:

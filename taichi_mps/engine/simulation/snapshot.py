@@ -13,7 +13,7 @@ def snapshot(sim) -> Snapshot:
     sim.scheme.complete_fields()
     rows = sim.particles.read()
     rows |= sim.scheme.fields_to_read(len(rows["id"]))
-    rows["n"] = sim.scheme.gradient.density_ratio()
+    rows["n"] = sim.scheme.fluid.gradient.density_ratio()
     fluid = np.flatnonzero(rows["kind"] == FLUID)
     order = fluid[np.argsort(rows["id"][fluid])]
     return Snapshot(

@@ -48,8 +48,10 @@ MAX_DIVERGENCE = 0.175, 1.0
 
 
 class Term:
-    """Base of the terms of the equations, on the particles, fits and walls of a Discretisation, ``fluid``. ``others``:
-    the constants and the terms that it reads, which become attributes of these names."""
+    """Base of the terms of the equations, on the particles, fits and walls of a ``fluid`` (schemes/scheme.py).
+
+    ``others``: the constants and the terms that it reads, which become attributes of these names.
+    """
 
     def __init__(self, fluid, **others):
         self.particles, self.gradient, self.neighbors = fluid.particles, fluid.gradient, fluid.neighbors
