@@ -37,6 +37,7 @@ class Scheme:
     def __init__(self, problem, carried: dict[str, Carried], to_come: int, pairs_per_particle: float):
         self.fluid = Fluid(problem, carried, to_come, pairs_per_particle)
         self.numerics, self.spacing = problem.numerics, problem.scene.spacing
+        self.gradient = self.fluid.gradient  # for notebooks (docs/howto/notebook.md)
 
     def time_step_limits(self, speeds: Speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name, for what moves now: here by the Courant number."""
