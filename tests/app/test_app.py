@@ -303,7 +303,7 @@ ODD = {  # what is odd in a run folder, and what is said when it is chosen; the 
 def test_an_odd_run_folder_is_a_row_that_says_so_and_the_others_stay(tmp_path):
     for name, (spoil, _) in ODD.items():
         folder, sim, recorder = recorded(tmp_path / name, 1)
-        sim.summary = lambda sim=sim, results=sim.summary: told_of(sim.scene) | results()
+        sim.facts = lambda sim=sim, results=sim.facts: told_of(sim.scene) | results()
         recorder.finish("time")
         spoil(folder)
     (tmp_path / "mark").mkdir()
