@@ -216,9 +216,9 @@ def carry_out(name: str, exact: bool = False) -> dict:
 
 # ---- all of them ----------------------------------------------------------------------------------------------------
 def of_checkout(checkout: Path, *words: str):
-    """Run this file with options in a process of its own with the package of a checkout, and read the JSON that it
-    prints."""
-    words = [sys.executable, __file__, *words]
+    """Run the file of this name of a checkout, whose public names may be other ones, in a process of its own and read
+    the JSON that it prints."""
+    words = [sys.executable, checkout / "benchmarks" / Path(__file__).name, *words]
     place = {**os.environ, "PYTHONPATH": str(checkout)}
     done = subprocess.run(words, cwd=checkout, env=place, capture_output=True, text=True)
     if done.returncode:

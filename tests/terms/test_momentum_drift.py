@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.terms.motion import free_directions
+from taichi_mps.engine.terms.momentum_drift import free_directions
 
 SPACING = 0.01
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0), slip=True)

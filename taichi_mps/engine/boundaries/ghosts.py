@@ -176,29 +176,33 @@ class GhostSums:
         and of ``inward`` a half for coincident faces and nothing at a right angle; at a mirror plane the shared pair
         sums are dropped. A face fades out where its foot lies behind the other, beyond the edge."""
         for f in range(self.meet.shape[0]):
-            z = self.face_geometry[i, f][0]
             remaining = ti.Vector.one(float, ti.static(len(GHOST_SUMS)))
-            if z < self.effective_radius:
+            if self.face_geometry[i, f][0] < self.effective_radius:
                 for g in range(self.meet.shape[0]):
-                    across = self.face_geometry[i, g][0]
-                    if self.meet[f, g] > 0 and across < self.effective_radius:
-                        cosine = ti.cast(0.0, float)
-                        for a in ti.static(range(self.dimension)):
-                            cosine += self.face_geometry[i, f][2 + a] * self.face_geometry[i, g][2 + a]
-                        acts = self.face_geometry[i, g][1]  # weight of the other face
-                        cut = 1.0 - self.remaining_fractions_at_angle(z, across, cosine)
-                        cut *= acts * self.visible_fraction(across, z, cosine)
-                        counted_once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
-                        pull = 1.0 if self.meet[f, g] == 2 else counted_once
-                        for k, name in ti.static(enumerate(GHOST_SUMS)):
-                            if ti.static(name in COUNT_SUMS):
-                                remaining[k] *= 1.0 - cut[k] if g < f else 1.0
-                            elif ti.static(name == "inward"):
-                                remaining[k] *= 1.0 - (1.0 - counted_once) * cut[k]
-                            else:
-                                remaining[k] *= 1.0 - pull * cut[k]
-                        remaining *= 1.0 - acts * (1.0 - self.visible_fraction(z, across, cosine))
+                    if self.meet[f, g] > 0 and self.face_geometry[i, g][0] < self.effective_radius:
+                        remaining = self.after_other_face(i, f, g, remaining)
             self.remaining[i, f] = remaining
+
+    @ti.func
+    def after_other_face(self, i, f, g, fractions):
+        """What remains of these fractions of the sums of face f, for particle i, beside one other face g."""
+        remaining, cosine = fractions, ti.cast(0.0, float)
+        z, across = self.face_geometry[i, f][0], self.face_geometry[i, g][0]
+        for a in ti.static(range(self.dimension)):
+            cosine += self.face_geometry[i, f][2 + a] * self.face_geometry[i, g][2 + a]
+        acts = self.face_geometry[i, g][1]  # weight of the other face
+        cut = 1.0 - self.remaining_fractions_at_angle(z, across, cosine)
+        cut *= acts * self.visible_fraction(across, z, cosine)
+        counted_once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
+        pull = 1.0 if self.meet[f, g] == 2 else counted_once
+        for k, name in ti.static(enumerate(GHOST_SUMS)):
+            if ti.static(name in COUNT_SUMS):
+                remaining[k] *= 1.0 - cut[k] if g < f else 1.0
+            elif ti.static(name == "inward"):
+                remaining[k] *= 1.0 - (1.0 - counted_once) * cut[k]
+            else:
+                remaining[k] *= 1.0 - pull * cut[k]
+        return remaining * (1.0 - acts * (1.0 - self.visible_fraction(z, across, cosine)))
 
     @ti.func
     def visible_fraction(self, z, across, cosine):

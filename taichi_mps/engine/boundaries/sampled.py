@@ -90,20 +90,23 @@ class SampledSurface(Surface):
                 for corner in ti.static(ti.ndrange(*((2,) * self.dimension))):
                     if self.values[first + ti.Vector(corner)] > self.values[node]:
                         node = first + ti.Vector(corner)
-                row = self.face_row[node]
-                if row >= 0:
-                    offset = ti.cast((node_coordinates - node) * self.cell, float)
-                    for slot in range(self.faces):
-                        plane = self.planes[row, slot]
-                        for a in ti.static(range(self.dimension)):
-                            self.n[i, slot][a] = plane[1 + a]
-                        self.z[i, slot] = plane[0] + self.n[i, slot].dot(offset)
-                        self.n[i, slot] = self.rotated(self.n[i, slot])
-                        if ti.static(self.has_friction):  # noqa: SIM102  (friction acts on the first face: the nearest one)
-                            if self.z[i, slot] < self.z[i, 0]:
-                                z, n = self.z[i, 0], self.n[i, 0]
-                                self.z[i, 0], self.n[i, 0] = self.z[i, slot], self.n[i, slot]
-                                self.z[i, slot], self.n[i, slot] = z, n
+                if self.face_row[node] >= 0:
+                    self.place_faces(i, self.face_row[node], ti.cast((node_coordinates - node) * self.cell, float))
+
+    @ti.func
+    def place_faces(self, i, row, offset):
+        """Set distance and normal of the faces of a row of ``planes`` before particle i, ``offset`` [m] from its node;
+        with friction, which acts on the first face, the nearest one comes first."""
+        for slot in range(self.faces):
+            plane = self.planes[row, slot]
+            for a in ti.static(range(self.dimension)):
+                self.n[i, slot][a] = plane[1 + a]
+            self.z[i, slot] = plane[0] + self.n[i, slot].dot(offset)
+            self.n[i, slot] = self.rotated(self.n[i, slot])
+            if ti.static(self.has_friction) and self.z[i, slot] < self.z[i, 0]:
+                z, n = self.z[i, 0], self.n[i, 0]
+                self.z[i, 0], self.n[i, 0] = self.z[i, slot], self.n[i, slot]
+                self.z[i, slot], self.n[i, slot] = z, n
 
     @ti.func
     def face(self, i, x, slot: ti.template()):
@@ -178,6 +181,12 @@ def search_faces(values, cell, normal, single_face, nodes, steps, reach) -> np.n
     return table
 
 
+@ti.func
+def meet_in_concave_edge(m, n, apart):
+    """Whether faces of the normals m and n, feet ``apart``, face each other; those of a convex edge do not."""
+    return m.dot(n) < MAX_COSINE and (n - m).dot(apart) > 0.4 * apart.norm()
+
+
 @ti.kernel
 def _search(
     d: ti.template(),
@@ -216,15 +225,12 @@ def _search(
                     for other in ti.static(range(face)):
                         n = ti.Vector([normal[other, a] for a in ti.static(range(d))])
                         apart = p - ti.Vector([foot[other, a] for a in ti.static(range(d))])
-                        # faces of a concave edge face each other, those of a convex one do not
-                        facing = (n - m).dot(apart) > 0.4 * apart.norm()
-                        accepted = accepted and m.dot(n) < MAX_COSINE and facing
+                        accepted = accepted and meet_in_concave_edge(m, n, apart)
                     if accepted:
                         depth, _slope = interpolate(values, ti.f64, shape, node - distance * m / cell, cell, np.inf)
-                        if (
-                            depth < 0.25 * cell and depth > -EDGE_MARGIN * reach
-                        ):  # the foot is on the face or at the edge
-                            best, table[i, face, 0] = aside, distance
-                            for a in ti.static(range(d)):
-                                normal[face, a], foot[face, a], table[i, face, 1 + a] = m[a], p[a], m[a]
+                        accepted = depth < 0.25 * cell and depth > -EDGE_MARGIN * reach  # on the face or at the edge
+                    if accepted:
+                        best, table[i, face, 0] = aside, distance
+                        for a in ti.static(range(d)):
+                            normal[face, a], foot[face, a], table[i, face, 1 + a] = m[a], p[a], m[a]
             searching = searching and (face == 0 or best < np.inf)  # without a second face there is no third one

@@ -7,7 +7,7 @@ are its multipliers; then the particles are shifted and drift the other half.
 
 import warnings
 
-from ..particles.active_set import FULL_STEP_INTERVAL, ActiveSet
+from ..particles.active_set import FULL_STEP_INTERVAL, ActiveSet, AllActive
 from ..particles.pair_sums import PairSums
 from ..particles.particles import Carried
 from ..runtime.field_io import FieldIO
@@ -16,10 +16,12 @@ from ..terms.constants import Constants
 from ..terms.hourglass import DeferredCorrection, HourglassResistance
 from ..terms.interface import Interface
 from ..terms.momentum import MomentumOperator, MomentumSource, VelocitySolve
-from ..terms.motion import MomentumDrift, Motion, Standstill, free_directions
+from ..terms.momentum_drift import MomentumDrift, free_directions
+from ..terms.motion import Motion
 from ..terms.pressure import FULL_STRAIN, Pressure, VolumeConstraint
 from ..terms.residuals import Residuals
 from ..terms.shifting import RELAXATION_SHIFTS, Shifting, is_uneven
+from ..terms.standstill import Standstill
 from ..terms.stress import SolvedRate, StrainRate, Stress
 from ..terms.wall_loads import WallFriction, WallLoads
 from ..terms.wall_stress import WallStress, no_force
@@ -107,16 +109,7 @@ class ImplicitScheme(Scheme):
             turns = not (scene.walls or scene.jolts or any(scene.periodic or ()))
             self.momentum_drift = MomentumDrift(fluid, constants, self.shifting, directions, turns)
         self.motion = Motion(fluid, constants=constants, shifting=self.shifting)
-        self.active_set = NoOp(
-            "end_step",
-            "load",
-            "wake",
-            search=lambda _is_read: fluid.neighbors.search(),
-            state=dict,
-            is_full_step=True,
-            left_out=0,
-            mean_part_left_out=0.0,
-        )
+        self.active_set = AllActive(fluid.neighbors)
         if may_stand_still:
             ahead = FULL_STEP_INTERVAL * self.numerics.courant_number * scene.spacing
             standstill = Standstill(fluid, constants, self.stress, self.pressure, problem, ahead)
