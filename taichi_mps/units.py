@@ -30,6 +30,16 @@ class SceneError(ValueError):
 
     The message is one line that names the key, the value with its unit and what is allowed.
 
+    Parameters
+    ----------
+    message : str or dict of str to str
+        Message, which begins with its key, as 'key = value: ...', or one for each key; the text is their join.
+
+    Attributes
+    ----------
+    by_key : dict of str to str
+        Messages by their keys; '' for one that belongs to none.
+
     Examples
     --------
     >>> import taichi_mps as mps
@@ -39,8 +49,17 @@ class SceneError(ValueError):
     taichi_mps.units.SceneError: yield_value = -1.0 Pa: must be greater than or equal to 0 Pa
     """
 
-    def __init__(self, message=""):
-        super().__init__(" ".join(str(message).splitlines()))  # one line, whatever the value holds
+    def __init__(self, message: str | dict[str, str] = ""):
+        found = message if isinstance(message, dict) else {leading_key(str(message)): message}
+        # one line each, whatever the value holds
+        self.by_key = {key: " ".join(str(text).splitlines()) for key, text in found.items()}
+        super().__init__("; ".join(self.by_key.values()))
+
+
+def leading_key(message: str) -> str:
+    """Return the key with which a message 'key = value: ...' begins, or ''."""
+    key, equals, _ = message.partition(" = ")
+    return key if equals and key.isidentifier() else ""
 
 
 def require(holds, message: str) -> None:
@@ -333,12 +352,12 @@ def suggestion(key, known) -> str:
     return f", did you mean '{close[0]}'?" if close else ""
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """Describe every violation as 'key = value unit: what is allowed'.
+def explain(error: ValidationError, model: type[BaseModel]) -> dict[str, str]:
+    """Describe every violation by its key as 'key = value unit: what is allowed'.
 
-    Violations are joined with '; ', alternatives of a key with 'or'.
+    Alternatives of a key are joined with 'or', several violations with '; ', and those of unknown keys are of ''.
     """
-    lines = []
+    found: dict[str, str] = {}
     for item in error.errors():
         key, kind = str(item["loc"][0]) if item["loc"] else "", item["type"]
         known = unit_of(model.model_fields[key]) if key in model.model_fields else Unit("")
@@ -353,17 +372,18 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
         shown = " ".join(str(item["input"])[:1000].split())[:MAX_CHARACTERS] or "''"  # on one line
         if not isinstance(item["input"], str) or without_unit(item["input"]) or kind == "finite_number":
             shown += f" {unit}" * bool(unit)
+        line = f"{key} = {shown}: {allowed}"
         if kind == "extra_forbidden":
-            lines.append(f"unknown key '{key}'{suggestion(key, model.model_fields)}")
+            key, line = "", f"unknown key '{key}'{suggestion(key, model.model_fields)}"
         elif kind == "missing":
-            lines.append(f"{key} is missing" + f" [{unit}]" * bool(unit))
+            line = f"{key} is missing" + f" [{unit}]" * bool(unit)
         elif not key:  # of several keys together, which the message names
-            lines.append(allowed)
-        elif lines and lines[-1].startswith(f"{key} = {shown}: "):
-            lines[-1] += f", or {allowed.removeprefix('must be ')}"
-        else:
-            lines.append(f"{key} = {shown}: {allowed}")
-    return "; ".join(lines)
+            key, line = leading_key(allowed), allowed
+        elif found.get(key, "").startswith(f"{key} = {shown}: "):
+            found[key] += f", or {allowed.removeprefix('must be ')}"
+            continue
+        found[key] = f"{found[key]}; {line}" if key in found else line
+    return found
 
 
 def checked(function):

@@ -7,7 +7,7 @@ from ..input import catalogue
 from ..input.labels import in_words, keyword_description
 from ..report.inputs import option, shown
 from ..study.calibrate import Measurements
-from ..units import unit_of
+from ..units import plain, unit_of
 
 FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # fields that lead their group
 SLIDERS = {"yield_value": (10.0, 2000.0), "plastic_viscosity": (1.0, 500.0)}  # ranges for usual concrete, SI units
@@ -19,6 +19,11 @@ PREVIEW_MODELS = {  # {test with a preview: {keyword: value in the preview, None
     "film": {},
     "dam_break": {},
 }
+
+
+def wrong(error: Exception) -> dict[str, str]:
+    """What is wrong, by field; '' for what belongs to none."""
+    return {key: plain(text) for key, text in getattr(error, "by_key", {"": str(error)}).items()}
 
 
 def tests() -> list[dict]:

@@ -24,6 +24,7 @@ from starlette.staticfiles import StaticFiles
 
 from ..io.run_folder import PICTURE_NAME, PLOTS, REPORT, RunFolder, strict
 from ..units import SceneError, plain
+from .form import wrong
 from .jobs import Queue
 from .page import Page, Query
 from .results import SAVED
@@ -116,7 +117,7 @@ def routes(page: Page) -> list[Route]:
             found = page.answers[what](question)
             return JSONResponse(strict(await found if isawaitable(found) else found or {}))
         except (OSError, ValueError, TypeError, RecursionError) as error:  # SceneError is a ValueError
-            return JSONResponse({"wrong": {"": plain(error)}})
+            return JSONResponse({"wrong": wrong(error)})
 
     return [
         Route("/", start),

@@ -7,7 +7,6 @@ the scene, which may be large, and imports Taichi, which the server does not. Ru
 import base64
 import io
 import math
-import re
 import sys
 import warnings
 from contextlib import redirect_stderr, suppress
@@ -27,7 +26,7 @@ from ..study.emulator import RESULT_COLUMNS, emulator_of
 from ..study.reuse import begin
 from ..units import SceneError, plain
 from ..viz.body import fit_to_mould
-from .form import PREVIEW_MODELS, options
+from .form import PREVIEW_MODELS, options, wrong
 from .resident import answer_all
 from .results import numbers
 
@@ -158,7 +157,7 @@ def forecast(words: list[str]) -> dict:
             clock = make_clock(problem, run)
             require_memory(problem, pairs_of(problem.scene), run.precision)
     except (SceneError, ImportError) as error:  # ImportError: pint, which numbers with a unit need
-        return {"wrong": errors_by_key(plain(" ".join(str(error).split())))}
+        return {"wrong": wrong(error)}
     remarks = [line.removeprefix("taichi-mps: ") for line in messages.getvalue().splitlines()]
     remarks += dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning)
     return {
@@ -168,16 +167,6 @@ def forecast(words: list[str]) -> dict:
         "remarks": remarks,
         "table": measures_by_table(problem.scene),
     }
-
-
-def errors_by_key(line: str) -> dict[str, str]:
-    """Split errors, 'key = value: ...; key = value: ...', by their keys; '' for one without a key."""
-    found = {}
-    for part in line.split("; "):
-        key = re.match(r"([A-Za-z]\w*)( = .*?: | is missing)", part)
-        name = key[1] if key else next(reversed(found), "")
-        found[name] = f"{found[name]}; {part}" if name in found else part
-    return found
 
 
 def measures_by_table(scene) -> dict | None:

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from taichi_mps.app.form import wrong
 from taichi_mps.app.jobs import Job, Queue
 from taichi_mps.app.page import verdict
 from taichi_mps.app.results import Runs
-from taichi_mps.app.worker import errors_by_key
 from taichi_mps.io import lock
 from taichi_mps.study.calibrate import calibrate
-from taichi_mps.units import SceneError
+from taichi_mps.units import Checked, Length, SceneError
 from tests.support.recorded import recorded
 
 
@@ -112,9 +112,15 @@ def test_a_calibration_answers_in_a_sentence_with_its_numbers(tests, begins, end
 
 
 def test_what_is_wrong_is_told_by_its_key():
-    line = "yield_value = -3 Pa: must be at least 0 Pa; 5mm is a length; height is missing [m]; no sum of both"
-    assert errors_by_key(line) == {
-        "yield_value": "yield_value = -3 Pa: must be at least 0 Pa; 5mm is a length",
-        "height": "height is missing [m]; no sum of both",
-    }
-    assert errors_by_key("this scene; is odd") == {"": "this scene; is odd"}
+    class Box(Checked):
+        width: Length
+        height: Length
+
+    with pytest.raises(SceneError) as caught:
+        Box(width="-3; depth = 2", hight=0.1)
+    found = wrong(caught.value)
+    assert list(found) == ["width", "height", ""] and found["height"] == "height is missing [m]"
+    assert found["width"].startswith("width = -3; depth = 2: must be") and found[""].startswith("unknown key 'hight'")
+    assert str(caught.value) == "; ".join(found.values())
+    assert wrong(SceneError("spacing = 1 m: too large")) == {"spacing": "spacing = 1 m: too large"}
+    assert wrong(SceneError("this scene; is odd")) == wrong(OSError("this scene; is odd")) == {"": "this scene; is odd"}

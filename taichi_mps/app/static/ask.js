@@ -14,6 +14,11 @@ export async function ask(what, asked = {}) {
   return answer.ok ? answer.json() : {wrong: {"": `The server says ${answer.status}.`}};
 }
 
+// All that is wrong with an answer, as one text.
+export function reason(answer) {
+  return Object.values(answer.wrong || {}).join("; ");
+}
+
 // Lines of JSON as they come; stops when the signal is aborted.
 export async function* listen(what, asked, signal) {
   const answer = await fetch(`/ask/${what}`, {

@@ -55,7 +55,7 @@ export class Calibrate {
       await ask("stop", {job: this.job});
       return;
     }
-    this.mark("");
+    this.mark({});
     this.answer.replaceChildren(h("p", {}, "At work …"), h("progress"));
     this.figure.hidden = this.button.disabled = true;
     this.reasons.replaceChildren();
@@ -63,23 +63,22 @@ export class Calibrate {
     this.button.disabled = false;
     if (answer.wrong) {
       this.answer.textContent = FIRST_WORDS;
-      return this.mark(answer.wrong[""]);
+      return this.mark(answer.wrong);
     }
     this.job = answer.job;
     this.button.textContent = "Stop";
   }
 
-  // What is wrong, at its field.
-  mark(line) {
-    const known = Object.entries(this.inputs);
-    let rest = line;
-    for (const [name, input] of known) {
-      const here = new RegExp(`(^|; )${name} = `).test(line);
-      document.getElementById(`measured-${name}-wrong`).textContent = here ? line : "";
-      input.toggleAttribute("aria-invalid", here);
-      if (here) rest = "", input.closest("details")?.setAttribute("open", "");
+  // What is wrong, at its field; what belongs to none below the form.
+  mark(wrong) {
+    for (const [name, input] of Object.entries(this.inputs)) {
+      const text = wrong[name] || "";
+      document.getElementById(`measured-${name}-wrong`).textContent = text;
+      input.toggleAttribute("aria-invalid", Boolean(text));
+      if (text) input.closest("details")?.setAttribute("open", "");
     }
-    this.wrong.textContent = rest;
+    const rest = Object.keys(wrong).filter((name) => !(name in this.inputs));
+    this.wrong.textContent = rest.map((name) => wrong[name]).join("; ");
   }
 
   async tick(jobs) {
@@ -90,7 +89,7 @@ export class Calibrate {
     const found = await ask("found", {job});
     if (found.verdict) return this.found(found);
     this.answer.textContent = found.state === "stopped" ? "Stopped by you." : "No answer.";
-    this.mark(found.message || "");
+    this.mark({"": found.message || ""});
   }
 
   found(facts) {

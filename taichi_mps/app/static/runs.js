@@ -1,6 +1,6 @@
 // Runs of the folder, newest first: look, compare, resume, rename, delete into a bin.
 
-import {ask, h} from "./ask.js";
+import {ask, h, reason} from "./ask.js";
 
 const COLOURS = ["#1f77b4", "#d1611c", "#2a8f4d", "#8a4fb5", "#8c6d31", "#c2395b"];
 
@@ -104,7 +104,7 @@ export class Runs {
 
   async change(what, asked) {
     const answer = await ask(what, asked);
-    this.say(answer.wrong?.[""]);
+    this.say(reason(answer));
     await this.fill();
     return !answer.wrong;
   }
@@ -121,7 +121,7 @@ export class Runs {
 
   async open(name) {
     const run = await ask("show", {names: [name]});
-    if (run.wrong) return this.say(run.wrong[""]);
+    if (run.wrong) return this.say(reason(run));
     const files = run.files.map(([words, at]) => h("a", {href: at, download: "", "data-file": words}, `save ${words}`));
     this.detail.replaceChildren(
       h("h2", {}, run.name),
@@ -134,7 +134,7 @@ export class Runs {
 
   async compare(names) {
     const facts = await ask("compare", {names});
-    if (facts.wrong) return this.say(facts.wrong[""]);
+    if (facts.wrong) return this.say(reason(facts));
     const {beside} = facts, open = beside && ["waiting", "running"].includes(beside.state);
     this.detail.replaceChildren(
       h("h2", {}, "Beside each other"),
