@@ -277,7 +277,6 @@ def info(arguments) -> int:
     if arguments.run:
         folder = RunFolder(arguments.run)
         facts = folder.read_summary()
-        folder.verify()
         with suppress(Exception):  # of a folder that comes from anybody all that is there is shown
             if not arguments.json:
                 print_result(facts, folder, verbose=True)

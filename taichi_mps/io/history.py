@@ -4,7 +4,6 @@ import csv
 import io
 import math
 import os
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -35,11 +34,11 @@ COLUMN_MEANINGS = {
 MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every run
 # columns that are attributes of the step report by another name
 REPORT_ATTRIBUTES = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
-CHECKSUM = "crc32"  # last column: checksum of the line of the names and of the row before it, as text "crc32:..."
 COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the scene
 # columns and entries of a step report by their names in version 0.2
 NAMES_OF_0_2 = {"viscous_iterations": "outer_iterations", "pressure_iterations": "solver_iterations"}
 RESIDUALS = "strain_rate_residual", "divergence_residual"  # columns that runs of version 0.2 lack
+CHECKSUM_OF_0_2 = "crc32"  # last column of a history.csv, and key of a summary.json, of version 0.2
 MAX_BYTES = 3e8  # a million rows, in seconds
 
 
@@ -69,16 +68,14 @@ class History:
         self.columns = tuple(dict.fromkeys(columns))
         partial = self.path.with_suffix(".partial")  # a run killed meanwhile keeps its old file
         self.file = open(partial, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
-        self.names = line(self.columns)
-        self.file.write(f"{self.names},{CHECKSUM}\n")
+        self.file.write(f"{line(self.columns)}\n")
         for row in rows:
             self._write(row)
         self.file.flush()
         os.replace(partial, self.path)
 
     def _write(self, row: dict) -> None:
-        text = line(row.get(key, "nan") for key in self.columns)
-        self.file.write(f"{text},{checksum(self.names, text)}\n")
+        self.file.write(f"{line(row.get(key, 'nan') for key in self.columns)}\n")
 
     def add(self, row: dict) -> None:
         """Write a row and flush it.
@@ -142,40 +139,6 @@ def line(values) -> str:
     return text.getvalue()
 
 
-def crc32(*texts: str) -> str:
-    """Return the CRC-32 of texts one after the other, by which a change of what was written is noticed.
-
-    Parameters
-    ----------
-    *texts : str
-        Texts.
-
-    Returns
-    -------
-    str
-        Eight hexadecimal digits.
-    """
-    return f"{zlib.crc32(''.join(texts).encode('utf-8', 'surrogatepass')):08x}"
-
-
-def checksum(names: str, row: str) -> str:
-    """Return the last cell of a row.
-
-    Parameters
-    ----------
-    names : str
-        Line of the names of the columns.
-    row : str
-        Row without its last cell.
-
-    Returns
-    -------
-    str
-        Checksum of both.
-    """
-    return f"{CHECKSUM}:{crc32(names, row)}"
-
-
 def read_rows(path) -> list[dict[str, str]]:
     """Read the rows of a history.csv as text.
 
@@ -194,22 +157,20 @@ def read_rows(path) -> list[dict[str, str]]:
     SceneError
         For a file that is damaged or no history.
     """
-    names, *rows = ordinary(str(path), path, MAX_BYTES).read_bytes().decode("utf-8", "replace").split("\n")
-    columns, _, last = names.rpartition(",")
-    present = {NAMES_OF_0_2.get(name, name) for name in columns.split(",")}
-    require(
-        last == CHECKSUM and set(COLUMNS) - set(RESIDUALS) <= present,
-        f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}, {CHECKSUM}, without "
-        "which only version 0.1.0 reads it (commit 068d274)",
-    )
-    torn = rows.pop() if rows else ""  # a process killed while it wrote leaves an incomplete row
-    cells = [row.rpartition(",") for row in rows]
-    wrong = next((k for k, (text, _, found) in enumerate(cells, 1) if found != checksum(columns, text)), None)
-    if len(torn.rpartition(",")[2]) > len(checksum("", "")):
-        wrong = wrong or len(rows) + 1
-    require(wrong is None, f"{path}: damaged, row {wrong} is not what was written")
-    found = csv.DictReader([columns, *(text for text, _, _ in cells)])
-    return [{NAMES_OF_0_2.get(name, name): cell for name, cell in row.items()} for row in found]
+    text = ordinary(str(path), path, MAX_BYTES).read_bytes().decode("utf-8", "replace")
+    whole = text.split("\n")[:-1]  # a process killed while it wrote leaves an incomplete row
+    try:
+        columns, *rows = list(csv.reader(whole)) or [[]]
+    except csv.Error:
+        columns, rows = [], []
+    columns = [NAMES_OF_0_2.get(name, name) for name in columns]
+    needed = [name for name in COLUMNS if name not in RESIDUALS]
+    missing = f"{path}: damaged or no history of a run; must have the columns {', '.join(needed)}"
+    require(set(needed) <= set(columns), missing)
+    wrong = next((k for k, cells in enumerate(rows, 1) if len(cells) != len(columns)), None)
+    require(wrong is None, f"{path}: damaged, row {wrong} has another number of cells than there are columns")
+    rows = [dict(zip(columns, cells, strict=True)) for cells in rows]
+    return [{name: cell for name, cell in row.items() if name != CHECKSUM_OF_0_2} for row in rows]
 
 
 @validated

@@ -12,10 +12,9 @@ import numpy as np
 from .. import __version__
 from ..units import Flag, Place, SceneError, ordinary, require, user_path, validated, writing
 from . import lock
-from .history import crc32, read_rows
+from .history import CHECKSUM_OF_0_2
 from .vtkhdf import Trajectory
 
-CHECKSUM = "crc32"  # key of the summary: checksum of all other keys
 MARKER_FILE = "taichi_mps.json"  # written first; marks a folder as a run
 RUN_FILES = (
     "case.toml",
@@ -192,10 +191,7 @@ class RunFolder:
         summary : dict
             What ``Simulation.summary`` returned, and how the run ended.
         """
-        facts = strict(summary)
-        write_whole(
-            self.summary, json.dumps(facts | {CHECKSUM: facts_checksum(facts)}, indent=2, allow_nan=False) + "\n"
-        )
+        write_whole(self.summary, json.dumps(strict(summary), indent=2, allow_nan=False) + "\n")
 
     def read_summary(self) -> dict:
         """Read summary.json.
@@ -215,8 +211,8 @@ class RunFolder:
         why = why if self.ours else "holds no summary.json; must be the folder of a run"
         require(self.summary.is_file(), f"run = {self.path}: {why}")
         facts = read_json(self.summary)
-        require(facts.pop(CHECKSUM, None) == facts_checksum(facts), f"run = {self.path}: its summary.json is damaged")
-        return facts
+        require(facts, f"run = {self.path}: its summary.json is damaged")
+        return {key: value for key, value in facts.items() if key != CHECKSUM_OF_0_2}
 
     def summary_at(self, time: float) -> dict:
         """Read summary.json if the run has come to its end at a time.
@@ -265,21 +261,6 @@ class RunFolder:
             differing = state.differing(source, parameters)
             require(not differing, f"checkpoint {path}: of another run than {self.trajectory}: {differing}")
         return " and ".join(path.name for path in (self.history, self.trajectory) if not path.is_file())
-
-    def verify(self) -> None:
-        """Check that summary, history and outputs are as they were written.
-
-        Raises
-        ------
-        SceneError
-            For the first file that is not.
-        """
-        if self.summary.is_file():
-            self.read_summary()
-        if self.history.is_file():
-            read_rows(self.history)
-        if self.trajectory.is_file():
-            Trajectory(self.trajectory).check()
 
 
 def next_free(path) -> Path:
@@ -348,22 +329,6 @@ def read_json(path: Path) -> dict:
     except (OSError, ValueError, RecursionError):
         return {}
     return facts if isinstance(facts, dict) else {}
-
-
-def facts_checksum(facts: dict) -> str:
-    """Return the checksum of a JSON object.
-
-    Parameters
-    ----------
-    facts : dict
-        Object.
-
-    Returns
-    -------
-    str
-        CRC-32 of its text, in hexadecimal digits.
-    """
-    return crc32(json.dumps(facts, sort_keys=True))
 
 
 def strict(value):

@@ -44,7 +44,6 @@ def test_a_checkpoint_goes_on_as_it_would_have_gone_on_there(folder):
 
 
 def test_every_file_is_read(folder):
-    folder.verify()
     folder.check_checkpoint(folder.checkpoint, checkpoint.read(folder.checkpoint))
     summary, history = folder.read_summary(), read_history(folder.history)
     *_, last = Trajectory(folder.trajectory).checked_replay()
