@@ -38,7 +38,7 @@ COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the sc
 # columns and entries of a step report by their names in version 0.2
 NAMES_OF_0_2 = {"viscous_iterations": "outer_iterations", "pressure_iterations": "solver_iterations"}
 RESIDUALS = "strain_rate_residual", "divergence_residual"  # columns that runs of version 0.2 lack
-CHECKSUM_OF_0_2 = "crc32"  # last column of a history.csv, and key of a summary.json, of version 0.2
+CHECKSUM_OF_0_2 = "crc32"  # last column of version 0.2
 MAX_BYTES = 3e8  # a million rows, in seconds
 
 

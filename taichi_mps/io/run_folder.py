@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import zlib
 from contextlib import suppress
 from itertools import chain, count, islice
 from pathlib import Path
@@ -12,9 +13,9 @@ import numpy as np
 from .. import __version__
 from ..units import Flag, Place, SceneError, ordinary, require, user_path, validated, writing
 from . import lock
-from .history import CHECKSUM_OF_0_2
 from .vtkhdf import Trajectory
 
+CHECKSUM = "crc32"  # key of the summary: checksum of all other keys
 MARKER_FILE = "taichi_mps.json"  # written first; marks a folder as a run
 RUN_FILES = (
     "case.toml",
@@ -191,7 +192,9 @@ class RunFolder:
         summary : dict
             What ``Simulation.summary`` returned, and how the run ended.
         """
-        write_whole(self.summary, json.dumps(strict(summary), indent=2, allow_nan=False) + "\n")
+        facts = strict(summary)
+        guarded = facts | {CHECKSUM: facts_checksum(facts)}
+        write_whole(self.summary, json.dumps(guarded, indent=2, allow_nan=False) + "\n")
 
     def read_summary(self) -> dict:
         """Read summary.json.
@@ -211,8 +214,8 @@ class RunFolder:
         why = why if self.ours else "holds no summary.json; must be the folder of a run"
         require(self.summary.is_file(), f"run = {self.path}: {why}")
         facts = read_json(self.summary)
-        require(facts, f"run = {self.path}: its summary.json is damaged")
-        return {key: value for key, value in facts.items() if key != CHECKSUM_OF_0_2}
+        require(facts.pop(CHECKSUM, None) == facts_checksum(facts), f"run = {self.path}: its summary.json is damaged")
+        return facts
 
     def summary_at(self, time: float) -> dict:
         """Read summary.json if the run has come to its end at a time.
@@ -329,6 +332,11 @@ def read_json(path: Path) -> dict:
     except (OSError, ValueError, RecursionError):
         return {}
     return facts if isinstance(facts, dict) else {}
+
+
+def facts_checksum(facts: dict) -> str:
+    """Return the CRC-32 of a JSON object, in hexadecimal digits."""
+    return f"{zlib.crc32(json.dumps(facts, sort_keys=True).encode()):08x}"
 
 
 def strict(value):

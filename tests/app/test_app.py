@@ -277,7 +277,7 @@ def told_of(scene):
 
 
 def with_results(**changes):
-    """Write another summary into a run folder."""
+    """Write another summary into a run folder, with its right checksum."""
     return lambda folder: folder.write_summary(folder.read_summary() | changes)
 
 
