@@ -56,6 +56,7 @@ RESULTS = {"--slump", "--slump-flow", "--spread", "--t500"}  # which some users 
 GONE = {  # options of version 0.2 by their keyword, and what there is instead
     "renderer": "pictures are drawn in software; 'beads' shows the particles",
     "surface": "it is what is drawn; must be left out",
+    **dict.fromkeys(("source", "gradient"), "the scheme semi-implicit has two forms, its own and --literal"),
 }
 
 SCHEMES = Literal["implicit", "semi-implicit"]

@@ -34,6 +34,7 @@ SAMPLED_FROM = 1_000_000  # numbers of an array from which on its digest is made
 PARTICLE_ATTRIBUTES = "spacing", "fluid", "domain", "wall_particles", "inlets"
 LAW_ATTRIBUTES = "materials", "gravity_vector", "walls"
 FORMER_NAMES = {"typical_slope": "plastic_viscosity"}  # names of numbers of a law in digests
+FORMS_OF_0_2 = {True: ("density", "literal"), False: ("mixed", "smallest")}  # source and gradient, by ``literal``
 HEADER = {
     **dict.fromkeys(("source", "scheme", "fluid", "problem"), str),
     **dict.fromkeys(("parameters", "numerics", "settings"), dict),
@@ -202,7 +203,11 @@ class Checkpoint:
             self.header["fluid"] == digest(scene, PARTICLE_ATTRIBUTES),
             f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with",
         )
-        problem = Problem(scene, NUMERICS[self.header["scheme"]](**self.header["numerics"]))
+        numerics = dict(self.header["numerics"])
+        form = numerics.pop("source", None), numerics.pop("gradient", None)
+        only = "checkpoint: has a source and a gradient of the pressure that only version 0.2.0 mixes"
+        require(form in ((None, None), FORMS_OF_0_2[bool(numerics.get("literal"))]), f"{only}; must be of one form")
+        problem = Problem(scene, NUMERICS[self.header["scheme"]](**numerics))
         for key, value in self.state.items():
             require(
                 not isinstance(value, np.ndarray) or np.all(np.isfinite(value)),

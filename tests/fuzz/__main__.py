@@ -104,7 +104,7 @@ def options(name: str, dice: random.Random) -> list[str]:
     if "model" in known and dice.random() < 0.5:
         words.append("--model=" + dice.choice([*choices(known["model"]), "whole"]))
     own = dice.choice([[], [], ["--passes=2"], ["--max-time-step=0.01"], ["--courant-number=0.9", "--tolerance=1e-2"]])
-    paper = dice.choice([[], [], ["--literal"], ["--source=mixed"], ["--gradient=conservative"]])
+    paper = dice.choice([[], [], ["--literal"]])
     scheme = ["--scheme=semi-implicit", *paper] if dice.random() < 0.25 else own
     more = ["--precision=f64", "--profile", "--view=pressure", "--threads=2"]
     return words + scheme + dice.sample(more, dice.choice([0, 0, 1, 2])) + ["--threads=1"]

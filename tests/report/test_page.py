@@ -203,7 +203,7 @@ def test_the_command_names_what_is_not_by_default(run):
         "numerics": mps.SemiImplicit(literal=True).model_dump(),
         "backend": {"precision": "f64", "arch": "cpu"},
     }
-    known = "run block.py --side=0.5 --rise=0 --scheme=semi-implicit --literal --source=density --gradient=literal"
+    known = "run block.py --side=0.5 --rise=0 --scheme=semi-implicit --literal"
     assert inputs.command("/home/me/block.py", other, None) == f"{known} --precision=f64"
 
 

@@ -28,7 +28,7 @@ from taichi_mps import backend, catalogue
 from taichi_mps.engine.terms import shifting
 shifting.PERTURBATION = 0.0  # e(x) looks random because it takes rounding 40,000 times: another device, other numbers
 backend.init(arch=sys.argv[1])
-scheme = {"implicit": mps.Implicit(), "semi-implicit": mps.SemiImplicit(source="mixed", gradient="conservative")}
+scheme = {"implicit": mps.Implicit(), "semi-implicit": mps.SemiImplicit()}
 sim = mps.Simulation(catalogue.load(sys.argv[2])(**json.loads(sys.argv[3])), scheme[sys.argv[4]])
 for _ in range(6):
     sim.step()

@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from ...units import Checked, Count, Duration, Flag, RadiusRatio, Ratio, Tolerance
 
@@ -64,26 +64,19 @@ class SemiImplicit(Checked):
     Notes
     -----
     By default the scheme has what the practice of MPS adds (S1-S5). With ``literal`` it is the paper's equations
-    (1)-(29) alone, with neither collisions nor shift and with negative pressures. Each form has its ``source`` of the
-    pressure equation and its ``gradient`` of the pressure; either can be given by itself.
+    (1)-(29) alone, with neither collisions nor shift and with negative pressures.
 
     Examples
     --------
     >>> import taichi_mps as mps
-    >>> mps.SemiImplicit().source, mps.SemiImplicit(literal=True).source
-    ('mixed', 'density')
+    >>> mps.SemiImplicit(literal=True).unyielded_stop
+    0.9
     """
 
     scheme: ClassVar[str] = "semi-implicit"
     walls: ClassVar[str] = "particles"
 
     literal: Flag = Field(False, description="the paper's equations alone, without what practice adds")
-    source: Literal["density", "mixed"] | None = Field(
-        None, description="right-hand side of the pressure equation, by default mixed, if literal density"
-    )
-    gradient: Literal["smallest", "literal", "conservative"] | None = Field(
-        None, description="discrete gradient of the pressure, by default smallest, if literal that of the paper"
-    )
     courant_number: Ratio = Field(0.2, description=COURANT)
     diffusion_number: Ratio = Field(0.2, description="largest viscosity times step over density and spacing squared")
     first_time_step: Duration = Field(1e-3, description="first step")
@@ -94,17 +87,5 @@ class SemiImplicit(Checked):
     unyielded_stop: Ratio = Field(0.9, description="unyielded fraction of the particles at which the run ends")
     effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
 
-    @model_validator(mode="before")
-    @classmethod
-    def _complete(cls, values):
-        """Set source and gradient by the form, literal or not, where they are not given."""
-        form = FORMS[isinstance(values.get("literal"), bool | int | str) and bool(values["literal"])]
-        return values | {key: form[key] for key in form if values.get(key) is None}
-
-
-FORMS = {  # source and gradient, of the literal form and of the default
-    True: {"source": "density", "gradient": "literal"},
-    False: {"source": "mixed", "gradient": "smallest"},
-}
 
 NUMERICS = {kind.scheme: kind for kind in (Implicit, SemiImplicit)}

@@ -26,7 +26,7 @@ class SemiImplicitScheme(Scheme):
         super().__init__(problem, {}, to_come, pairs_per_particle)
         material, literal = problem.scene.material, self.numerics.literal
         self.viscosity = ExplicitViscosity(self.fluid, material)
-        self.pressure = PressurePoisson(self.fluid, material.density, self.numerics)
+        self.pressure = PressurePoisson(self.fluid, material.density, literal)
         self.collisions = NoOp("collide") if literal else Collisions(self.fluid)
         self.shifting = NoOp("compute", "shift_particles") if literal else Shifting(self.fluid, shifts_in_tension=False)
         self.largest_viscosity = 0.0  # of the last step [Pa s]; 0 before the first one
@@ -42,7 +42,7 @@ class SemiImplicitScheme(Scheme):
         self.collisions.collide(self.viscosity.u_star)
         self.viscosity.move(dt)
         self.fluid.neighbors.search()
-        self.pressure.weigh()
+        self.fluid.gradient.weigh()
         self.pressure.solve(dt, self.numerics.tolerance)
         self.pressure.correct(dt)
         self.shifting.compute(dt, FULL_STRAIN, 0.0)

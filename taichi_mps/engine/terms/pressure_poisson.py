@@ -18,7 +18,7 @@ from .constants import Term
 
 MAX_ITERATIONS = 2000  # of a solve
 FREE_SURFACE = 0.97  # n*/n0 below which a particle lies on the free surface
-# Rate at which the source 'mixed' removes the density error [1/s], and the largest part that it removes in a step
+# Rate at which the mixed source removes the density error [1/s], and the largest part that it removes in a step
 DENSITY_RATE, DENSITY_PART = 200.0, 0.2
 
 
@@ -26,35 +26,24 @@ DENSITY_RATE, DENSITY_PART = 200.0, 0.2
 class PressurePoisson(Term):
     """Pressure P^{k+1} at r*, from ``gradient`` built there.
 
-    source 'density': eq 19, the paper's. The whole density error is removed in one step, so velocities of l0/dt times
-    that error appear: in a pool of 50 Pa s at rest 0.4 m/s and 1.6-4.8 rho g h of pressure error after 0.8 s.
-    'mixed' (S4): lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0, gamma = min(0.2, dt 200 1/s): MPS-Basic's
+    Source, ``literal``: eq 19, the paper's. The whole density error is removed in one step, so velocities of l0/dt
+    times that error appear: in a pool of 50 Pa s at rest 0.4 m/s and 1.6-4.8 rho g h of pressure error after 0.8 s.
+    Else mixed (S4): lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0, gamma = min(0.2, dt 200 1/s): MPS-Basic's
     fifth in its step of a millisecond, and at the same rate in shorter ones, of which a film may need a hundred times
     as many. (Tanaka, Masunaga, Journal of Computational Physics 229 (2010), 4279-4290, with a gamma of each step.)
 
-    gradient 'literal': eq 11 with P_j - P_i, the paper's. It attracts as well as repels: particles clump, n* of a pair
-    that meets explodes, and a slump of 100 Pa (l0 = 0.02 m) ends at 0.15 s with either source.
-    'smallest' (S1): eq 11 with P_j - min_k P_k, k over the neighbours and i itself: all forces push (Koshizuka, Oka,
-    Nuclear Science and Engineering 123 (1996), 421-434). Momentum is not kept.
-    'conservative': sum (P_i B_i + P_j B_j) b_ij, the adjoint of the least-squares gradient (gradient.py), equal and
-    opposite within each pair.
+    Gradient, ``literal``: eq 11 with P_j - P_i, the paper's. It attracts as well as repels: particles clump, n* of a
+    pair that meets explodes, and a slump of 100 Pa (l0 = 0.02 m) ends at 0.15 s with either source.
+    Else (S1): eq 11 with P_j - min_k P_k, k over the neighbours and i itself: all forces push (Koshizuka, Oka, Nuclear
+    Science and Engineering 123 (1996), 421-434). Momentum is not kept.
     """
 
-    def __init__(self, fluid, density: float, numerics):
-        super().__init__(fluid, density=density, n0=fluid.lattice.n0)
+    def __init__(self, fluid, density: float, literal: bool):
+        super().__init__(fluid, density=density, literal=literal, n0=fluid.lattice.n0)
         self.scale = fluid.lattice.lam * self.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
-        self.mixed, self.gradient_form = numerics.source == "mixed", numerics.gradient
-        self.keeps_negative = numerics.literal
         rows = self.neighbors.row_start, self.neighbors.column, self.particles.count
         self.matrix = SparseMatrix(self.capacity, *rows)
         self.solver = PCG(self.capacity, 1, self.matrix)
-
-    def weigh(self) -> None:
-        """Weights of the pairs at the present positions; the conservative gradient takes the fits, too."""
-        if self.gradient_form == "conservative":
-            self.gradient.build()
-        else:
-            self.gradient.weigh()
 
     def solve(self, dt: float, tolerance: float) -> None:
         """P^{k+1} into particles.p."""
@@ -86,11 +75,11 @@ class PressurePoisson(Term):
             diagonal, source = ti.cast(0.0, float), ti.cast(0.0, float)
             if self.carries(i):
                 excess = (self.gradient.n[i] - self.n0) / self.n0
-                if ti.static(self.mixed):
+                if ti.static(self.literal):
+                    source = self.density / (dt * dt) * excess
+                else:
                     density_weight = ti.min(DENSITY_PART, DENSITY_RATE * dt)
                     source = self.density / dt * (density_weight / dt * excess - self.divergence(i))
-                else:
-                    source = self.density / (dt * dt) * excess
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     j = self.neighbors.column[k]
                     w = self.gradient.pair_weight(k)
@@ -124,13 +113,13 @@ class PressurePoisson(Term):
     @stage("corrector")
     def store(self, x: ti.template()):
         for i in range(self.particles.count[None]):
-            self.particles.p[i] = x[i][0] if ti.static(self.keeps_negative) else ti.max(0.0, x[i][0])
+            self.particles.p[i] = x[i][0] if ti.static(self.literal) else ti.max(0.0, x[i][0])
 
     @ti.func
     def subtracted(self, i):
         """The pressure [Pa] that is taken from those of the neighbours: that of i, or the smallest around it."""
         pressure = self.particles.p[i]
-        if ti.static(self.gradient_form == "smallest"):
+        if ti.static(not self.literal):
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 j = self.neighbors.column[k]
                 if self.particles.kind[j] != DUMMY and self.gradient.weight_r2[k] > 0.0:
@@ -140,17 +129,13 @@ class PressurePoisson(Term):
     @ti.func
     def pressure_gradient(self, i):
         """grad P [Pa/m] at i over particles that carry pressure; a dummy repeats the values of i."""
-        own, own_B, subtracted = self.particles.p[i], self.gradient.B[i], self.subtracted(i)
+        own, subtracted = self.particles.p[i], self.subtracted(i)
         total = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             pressed = self.particles.kind[j] != DUMMY
             other = self.particles.p[j] if pressed else own
-            if ti.static(self.gradient_form == "conservative"):
-                other_B = ti.select(pressed, self.gradient.B[j], own_B)
-                total += (other * other_B + own * own_B) @ self.gradient.b[k]
-            else:
-                total += (self.dimension / self.n0) * (other - subtracted) * self.gradient.b[k]
+            total += (self.dimension / self.n0) * (other - subtracted) * self.gradient.b[k]
         return total
 
     @stage("corrector")
