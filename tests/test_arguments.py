@@ -460,7 +460,7 @@ OF_ANY_KIND = {  # arguments that take what is no number, and those where nan is
     ("main", "argv"),
     ("channel_at_rest", "length"),
     ("measure.time_of", "values"),
-    ("Plane", "velocity"),  # rows or a function of the time, as the next three
+    ("Plane", "velocity"),  # rows of a time and values, as the next three
     ("Cylinder", "velocity"),
     ("Solid", "velocity"),
     ("Scene", "gravity"),

@@ -7,87 +7,60 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator
 
-from ...units import INSTANT, Size, Time, answer, array_of, quote, real, require, validated, vector
+from ...units import INSTANT, Size, Time, array_of, real, require, validated, vector
 
-GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(8)
-PANEL = 0.01  # length of an interval of Gauss quadrature [s]: 8 nodes are exact to 1e-6 up to 150 Hz
 ROWS_PER_VIBRATION = 24  # of the table that ``vibration`` returns
-# The largest value of a function is sought at SAMPLES times up to SAMPLED_UNTIL [s], a sequence of the golden ratio
-SAMPLES, SAMPLED_UNTIL, GOLDEN_RATIO = 10_000, 100.0, 0.5 * (5.0**0.5 - 1.0)
 
 
 def in_time(unit):
-    """Annotate a table or a function of time whose values have this unit, as ``table_or_function`` reads it."""
-    return Annotated[Any, BeforeValidator(partial(table_or_function, unit))]
+    """Annotate a table of time whose values have this unit, as ``table`` reads it."""
+    return Annotated[Any, BeforeValidator(partial(table, unit))]
 
 
-def table_or_function(unit, value):
-    """Return a function of time as it is, and a table of times [s] and values (k, 1 + d) as tuples; ValueError for
-    anything else.
+def table(unit, value):
+    """Return a table of times [s] and values (k, 1 + d) as tuples; ValueError for anything else.
 
     Times must not fall; a time given twice is a jump. Values are linear between the rows, and constant before the first
     and after the last one.
     """
-    if callable(value):
-        return value
     rows = array_of(value)
     if rows.ndim != 2 or rows.shape[1] < 2 or not len(rows) or not np.all(np.isfinite(rows)):
-        raise ValueError(f"must be rows of a time [s] and values [{unit}], or a function of the time")
+        raise ValueError(f"must be rows of a time [s] and values [{unit}]")
     if np.any(np.diff(rows[:, 0]) < 0.0) or np.any(rows[2:, 0] == rows[:-2, 0]):
         raise ValueError("must have times [s] that grow, each twice at most, where the value jumps")
     return tuple(map(tuple, rows.tolist()))
 
 
 class TimeDependent:
-    """Quantity of ``d`` components given by a table or a function of time; ``key`` and ``unit`` name it in messages."""
+    """Quantity of ``d`` components given by a table of time; ``key`` and ``unit`` name it in messages."""
 
-    def __init__(self, given, key: str, unit: str, d: int):
-        self.key, self.wanted = key, f"must give {d} finite numbers [{unit}]"
-        self.function, self.rows = (given, None) if callable(given) else (None, np.array(given))
-        self.d, self.panel_integrals = d, [np.zeros(d)]  # integrals of a function from 0 s to the end of each panel
-        columns = 1 + d if self.rows is None else self.rows.shape[1]
-        require(columns == 1 + d, f"{key}: rows of {columns} numbers: must have a time [s] and {d} values [{unit}]")
-        self.times = () if self.rows is None else tuple(np.unique(self.rows[:, 0]).tolist())  # where steps end [s]
-        self.last = self.times[-1] if self.times else np.inf  # time of the last change [s]
-        sample_times = SAMPLED_UNTIL * (GOLDEN_RATIO * np.arange(SAMPLES) % 1.0)
-        self.values = self.rows[:, 1:] if self.function is None else np.array([self.at(time) for time in sample_times])
+    def __init__(self, table, key: str, unit: str, d: int):
+        rows = np.array(table)
+        require(
+            rows.shape[1] == 1 + d,
+            f"{key}: rows of {rows.shape[1]} numbers: must have a time [s] and {d} values [{unit}]",
+        )
+        self.rows, self.values = rows, rows[:, 1:]
+        self.times = tuple(np.unique(rows[:, 0]).tolist())  # where steps end [s]
+        self.last = self.times[-1]  # time of the last change [s]
 
     @property
     def largest(self) -> np.ndarray:
-        """Value (d,) of the largest norm; of a function, among 10,000 times in the first 100 s."""
+        """Value (d,) of the largest norm."""
         return self.values[np.argmax((self.values**2).sum(1))]
 
     def at(self, time: float) -> np.ndarray:
         """Value (d,) at a time [s], where it does not jump."""
-        if self.function is None:
-            return np.array([np.interp(time, self.rows[:, 0], column) for column in self.rows[:, 1:].T])
-        value = answer(self.key, self.function, time)
-        require(
-            value.shape == (self.d,) and np.all(np.isfinite(value)),
-            f"{self.key} = {quote(self.function, '')}: gives {quote(value, '')} at {time:g} s; {self.wanted}",
-        )
-        return value
+        return np.array([np.interp(time, self.rows[:, 0], column) for column in self.values.T])
 
     def changes(self, time: float) -> bool:
-        """Whether the quantity jumps at a time [s] or changes from then on; a function always does."""
-        return self.function is not None or bool(np.any(self.at(time - INSTANT) != self.at(time + INSTANT)))
+        """Whether the quantity jumps at a time [s] or changes from then on."""
+        return bool(np.any(self.at(time - INSTANT) != self.at(time + INSTANT)))
 
     def integral(self, start: float, end: float) -> np.ndarray:
-        """Integral (d,) from a time to a later one [s], exact for a table."""
-        if self.function is None:
-            knots = [start, *(time for time in self.times if start < time < end), end]
-            return sum((b - a) * self.at(0.5 * (a + b)) for a, b in pairwise(knots))
-        if end - start > 1.001 * PANEL:
-            return self.integral_from_0(end) - self.integral_from_0(start)
-        middle, half = 0.5 * (start + end), 0.5 * (end - start)
-        return half * sum(w * self.at(middle + half * node) for node, w in zip(GAUSS_NODES, GAUSS_WEIGHTS, strict=True))
-
-    def integral_from_0(self, time: float) -> np.ndarray:
-        """Integral (d,) of a function from 0 s to a time [s], of which the integrals over whole panels are kept."""
-        panels = int(time / PANEL)
-        for k in range(len(self.panel_integrals) - 1, panels):
-            self.panel_integrals.append(self.panel_integrals[-1] + self.integral(k * PANEL, (k + 1) * PANEL))
-        return self.panel_integrals[panels] + self.integral(panels * PANEL, time)
+        """Integral (d,) from a time to a later one [s], exact."""
+        knots = [start, *(time for time in self.times if start < time < end), end]
+        return sum((b - a) * self.at(0.5 * (a + b)) for a, b in pairwise(knots))
 
 
 class Moving:
@@ -97,8 +70,8 @@ class Moving:
     @cached_property
     def in_time(self) -> TimeDependent | None:
         """Velocity as a function of time, of ``components`` components; None if it is constant."""
-        constant = self.velocity is None or not (callable(self.velocity) or np.ndim(self.velocity) == 2)
-        return None if constant else TimeDependent(self.velocity, "velocity of a wall", "m/s", self.components)
+        changes = np.ndim(self.velocity) == 2
+        return TimeDependent(self.velocity, "velocity of a wall", "m/s", self.components) if changes else None
 
     @property
     def components(self) -> int:

@@ -72,7 +72,7 @@ class Solid(Moving):
     cell : float
         Distance between nodes [m].
     velocity : tuple of float, length d, optional
-        Translation [m/s]; rows of a time [s] and a velocity, or a function of the time, if it changes.
+        Translation [m/s]; rows of a time [s] and a velocity if it changes.
     slip : bool, optional
         Leave the tangential motion of the fluid free.
     loose : bool, optional

@@ -80,7 +80,7 @@ def check_surface(wall, first="point"):
     d = len(wall.point)
     for key in ("normal", "velocity", "pivot", "axis"):
         value = getattr(wall, key, None)
-        same_dimension = value is None or callable(value) or np.ndim(value) != 1 or len(value) == d
+        same_dimension = value is None or np.ndim(value) != 1 or len(value) == d
         require(same_dimension, f"{key} = {value} of a wall with {first} = {wall.point}: must be {d} finite numbers")
     both = f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out"
     require(wall.friction is None or not wall.slip, both)
@@ -126,7 +126,7 @@ class Plane(Moving):
         Unit normal into the fluid [-].
     velocity : tuple of float, length d, optional
         Velocity of the wall [m/s], in its own plane or out of it; at rest by default. If it changes: rows of a time [s]
-        and a velocity, linear in between and with a jump where a time is there twice, or a function of the time.
+        and a velocity, linear in between and with a jump where a time is there twice.
     slip : bool, optional
         Leave the tangential motion of the fluid free.
     loose : bool, optional
@@ -223,7 +223,7 @@ class Cylinder(Moving):
     angular_velocity : float, optional
         Rotation about the axis [rad/s], counter-clockwise seen against the axis.
     velocity : float, optional
-        Velocity along the axis [m/s]; rows of a time [s] and a velocity, or a function of the time, if it changes.
+        Velocity along the axis [m/s]; rows of a time [s] and a velocity if it changes.
     slip : bool, optional
         Leave the tangential motion of the fluid free.
     slope : float, optional

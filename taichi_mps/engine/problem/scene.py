@@ -52,8 +52,8 @@ class Scene:
         Velocity at 0 s [m/s], zero by default.
     gravity : tuple of float, length d, optional
         Gravity [m/s2], 9.81 down the last axis by default; of what is computed in a frame that is accelerated, less its
-        acceleration. Rows of a time [s] and a gravity, linear in between and with a jump where a time is there twice,
-        or a function of the time, if it changes.
+        acceleration. If it changes: rows of a time [s] and a gravity, linear in between and with a jump where a time is
+        there twice.
     jolts : tuple of Jolt, optional
         Jumps of the velocity of the fluid, scheme ``implicit``.
     periodic : tuple of bool, length d, optional
@@ -310,9 +310,8 @@ class Scene:
 
     @cached_property
     def gravity_in_time(self) -> TimeDependent | None:
-        """Gravity as a function of time; None if it is constant."""
-        changes = callable(self.gravity) or np.ndim(self.gravity) == 2
-        return TimeDependent(self.gravity, "gravity", "m/s2", self.dimension) if changes else None
+        """Gravity that changes; None if it is constant."""
+        return TimeDependent(self.gravity, "gravity", "m/s2", self.dimension) if np.ndim(self.gravity) == 2 else None
 
     @cached_property
     def in_time(self) -> tuple[TimeDependent | Jolt, ...]:

@@ -25,7 +25,7 @@ def complete_fields(scene) -> dict:
     fluid = np.zeros((0, len(scene.inlets[0].centre))) if empty else scene.fluid
     d = fluid.shape[1]
     gravity = (0.0,) * (d - 1) + (-9.81,) if scene.gravity is None else scene.gravity
-    if not callable(gravity) and np.ndim(gravity) == 1:
+    if np.ndim(gravity) == 1:
         gravity = tuple(map(float, gravity))
         require(len(gravity) == d, f"gravity = {gravity} m/s2: must have {d} numbers, as the fluid has")
     periodic = (False,) * d if scene.periodic is None else tuple(scene.periodic)
@@ -185,7 +185,7 @@ RULES = (
 
 
 def gravities(scene) -> np.ndarray:
-    """Gravity [m/s2], shape (k, d), at all times of a table, or at sample times of a function."""
+    """Gravity [m/s2], shape (k, d), at all times of a table."""
     return scene.gravity_vector[None] if scene.gravity_in_time is None else scene.gravity_in_time.values
 
 
