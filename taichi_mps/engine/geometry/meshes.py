@@ -22,6 +22,12 @@ BESIDE = np.sqrt([0.2, 0.3, 0.5]) * (2 * np.indices((2, 2, 2)).reshape(3, 8).T[:
 ROUNDING = 1e-6  # distance over the size within which a point is on the surface; libigl's winding number has 32 bits
 
 
+def require_cad(what: str) -> None:
+    """Raise SceneError unless what ``what`` needs is installed."""
+    missing = [name for name in ("igl", "trimesh") if not find_spec(name)]
+    require(not missing, f'{what} needs {missing}: pip install "taichi-mps[cad]"')
+
+
 def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
     """Read closed bodies as triangles, with a warning that lists what was left out.
 
@@ -54,8 +60,7 @@ def read_mesh(path, scale=1.0, max_length=100.0, body="", tolerance=1e-3):
     SceneError
         If the file cannot be read, its surface is not closed, or it has another size.
     """
-    missing = [name for name in ("igl", "trimesh") if not find_spec(name)]
-    require(not missing, f'a solid from a mesh needs {missing}: pip install "taichi-mps[cad]"')
+    require_cad("a solid from a mesh")
     corners, notes = read_triangles(path, scale, body, tolerance)
     require(len(corners), f"mesh {path}: holds no triangles; is empty, damaged or of another format")
     with np.errstate(over="ignore"):
@@ -215,26 +220,14 @@ def write_bars(path: File, ends: array("m", (None, 2, 3)), radius: Size, sides: 
     ...     file.stat().st_size
     2484
     """
-    import meshio
+    require_cad("a mesh of bars")
+    import trimesh
 
-    kind = path.suffix.lower()[1:]
-    require(kind in READERS, f"path = {path}: must be a file .stl, .obj or .ply")
+    require(path.suffix.lower()[1:] in READERS, f"path = {path}: must be a file .stl, .obj or .ply")
     wrong = f"ends of shape {ends.shape}: must be one bar or more, each between two places"
     require(len(ends) and np.all(np.ptp(ends, axis=1).max(1) > 0.0), wrong)
-    turn = 2.0 * np.pi * np.arange(sides) / sides
     outer = radius * np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
-    k, n = np.arange(sides), (np.arange(sides) + 1) % sides
-    middle = np.full(sides, 2 * sides)
-    faces = ((k, n, sides + n), (k, sides + n, sides + k), (middle, n, k), (middle + 1, sides + k, sides + n))
-    triangles, points = np.concatenate([np.stack(face, 1) for face in faces]), []
-    for start, end in ends:
-        along = (end - start) / np.linalg.norm(end - start)
-        first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
-        first /= np.linalg.norm(first)
-        rim = outer * (np.outer(np.cos(turn), first) + np.outer(np.sin(turn), np.cross(along, first)))
-        points.append(np.vstack([start + rim, end + rim, start, end]))
-    every = (2 * sides + 2) * np.arange(len(ends))[:, None, None] + triangles
-    options = {"binary": True} if kind == "stl" else {}
+    bars = [trimesh.creation.cylinder(outer, segment=pair, sections=sides) for pair in ends]
     with writing("path", path):
-        meshio.write(path, meshio.Mesh(np.vstack(points), [("triangle", np.int32(every).reshape(-1, 3))]), **options)
+        trimesh.util.concatenate(bars).export(path)
     return path
