@@ -147,18 +147,18 @@ def table(names, pi_c):
     return points.table(head, lines)
 
 
-def marks_and_lines(marks, lines, out, **settings):
-    """Marks {label: (x, y)}, and lines of the same kind in the colour of the marks of their label, or grey; settings:
-    of the axes, those of matplotlib."""
+def marks_and_lines(marks, lines, out, mark="o", line="-", **settings):
+    """Marks {label: (x, y)}, and lines of the same kind in the colour of the marks of their label, or grey; styles of
+    both; settings: of the axes, those of matplotlib."""
     figure, axes = plots._figure(7.0, 4.8)
-    colour, grey = plots._colours(marks), cycle(("--", ":", "-."))
+    colour, grey = dict(zip(marks, cycle(plots.COLOURS), strict=False)), cycle(("--", ":", "-."))
     for label, pair in lines.items():
         if label in marks:
-            axes.plot(*pair, "-", color=colour[label])
+            axes.plot(*pair, line, color=colour[label])
         else:
             axes.plot(*pair, next(grey), color="#555b63", label=label)
     for label, pair in marks.items():
-        axes.plot(*pair, "o", ms=5, color=colour[label], mec="white", mew=0.5, label=label, rasterized=True)
+        axes.plot(*pair, mark, ms=5, color=colour[label], mec="white", mew=0.5, label=label, rasterized=True)
     axes.set(**settings)
     axes.legend(loc="best", frameon=False)
     plots._save(figure, out)
@@ -168,11 +168,12 @@ def draw():
     """Figures 4-10 of the paper, drawn with its scheme beside ``implicit`` and finite elements, and the tables."""
     import imageio.v3 as imageio
 
-    for number, cases in ((5, (1, 2, 3)), (9, (4, 5))):
-        found = of_the_papers_scheme(cases)
-        curves = {n: {key: np.array(r[key]) for key in ("time_s", "slump_m")} for n, r in found.items()}
-        exact = {f"#{k}": history(*PAPER[k]) for k in cases}
-        plots.slump_curve(curves, points.FIGURES / f"paper_fig{number}.png", exact, log_time=number == 9)
+    downwards = {"ylabel": "slump [cm]", "ylim": (26.0, 0.0)}
+    for number, cases, scale, first in ((5, (1, 2, 3), "linear", 0.0), (9, (4, 5), "log", 0.01)):
+        curves = {n: (r["time_s"], 100.0 * np.array(r["slump_m"])) for n, r in of_the_papers_scheme(cases).items()}
+        exact = {f"#{k}": (t, 100.0 * s) for k in cases for t, s in [history(*PAPER[k])]}
+        axes = {"xlabel": "time [s]", "xscale": scale, "xlim": (first, 5.0)} | downwards
+        marks_and_lines(curves, exact, points.FIGURES / f"paper_fig{number}.png", "-", "--", **axes)
     ends = [(t, points.load(f"paper_yield-{t:g}")) for t in YIELD_VALUES]
     ends = {"implicit, at rest or 5 s": np.array([(t, r["slump_m"][-1]) for t, r in ends if r]).T}
     own = [(PAPER[k][0], *of_the_papers_scheme((k,)).values()) for k in (1, 2, 3)]
@@ -184,7 +185,7 @@ def draw():
     slumps = 1e-2 * (25.5 - 17.6 * empirical / 2300.0)
     known["Roussel (2006), 50-250 mm"] = np.array([empirical, slumps])[:, (slumps > 0.05) & (slumps < 0.25)]
     ends, known = ({name: (t, 100.0 * slump) for name, (t, slump) in found.items()} for found in (ends, known))
-    axes = {"xlabel": "yield stress [Pa]", "ylabel": "slump [cm]", "xlim": (0.0, None), "ylim": (26.0, 0.0)}
+    axes = {"xlabel": "yield stress [Pa]", "xlim": (0.0, None)} | downwards
     marks_and_lines(ends, known, points.FIGURES / "paper_fig4.png", **axes)
     for figure, cases in (("paper_fig6", (1, 2, 3)), ("paper_fig10", (4, 5))):
         samples, laws, rate = {}, {}, np.logspace(-2, 1.5, 200)

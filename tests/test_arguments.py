@@ -378,15 +378,6 @@ class Bench:
                 render.Renderer(self.scene, 64, 48).draw,
                 {"snapshot": s, "measures": {"slump_m": 0.1}},
             ),
-            "plots.slump_curve": (
-                plots.slump_curve,
-                {
-                    "histories": {"a": {"time_s": [0.0, 1.0], "slump_m": [0.0, 0.1]}},
-                    "out": "c.png",
-                    "references": None,
-                    "log_time": False,
-                },
-            ),
             "plots.filling": (plots.filling, {"cavity": self.cavity, "s": s, "out": "f.png"}),
             "sweep.values": (sweep.values, {"text": "50:100:3", "key": "values"}),
             "sweep.cases": (sweep.cases, study),

@@ -50,7 +50,7 @@ class Row:
     name: str
     case: str  # description of the flow
     reference: str  # source of the answer
-    function: Callable  # of the settings: gives Measured, and dicts, which are points of viz.plots.convergence
+    function: Callable  # of the settings: gives Measured, and dicts, which are points of table.convergence
     settings: dict = field(default_factory=dict)
     quick: bool = False  # belongs to --quick and to the default test suite
 

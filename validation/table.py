@@ -5,11 +5,14 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict
-from itertools import zip_longest
+from itertools import cycle, zip_longest
 from pathlib import Path
+
+import numpy as np
 
 from taichi_mps.engine.problem.numerics import NUMERICS
 from taichi_mps.units import Duration, SceneError, require, suggestion, user_path, validated
+from taichi_mps.viz import plots
 
 from . import L2_ERROR, SLUMP_ERROR, Measured, Setting, provenance
 from .cases import CHOSEN_ON, ROWS
@@ -97,13 +100,55 @@ def run_table(
 def draw(results: dict[str, dict], out: Path) -> None:
     """Draw the convergence chart of all results that have points for it; without points, or without matplotlib, print a
     line that says so."""
-    from taichi_mps.viz import plots
-
     series = [item for result in results.values() for item in result.get("series", ())]
     try:
-        plots.convergence(series, PANELS, out)
+        convergence(series, out)
     except (ImportError, ValueError) as missing:
         print(f"{out.name} is not drawn: {missing}", file=sys.stderr)
+
+
+def convergence(series, out: Path) -> None:
+    """Plot errors against the resolution, log-log, with guides of the orders 1 and 1.5; one panel for each quantity of
+    PANELS. ``series``: [{quantity, curve, x, y}]; points of the same curve are joined. A panel without points is left
+    out; ValueError if all are."""
+    curves = {}  # quantity -> curve -> points
+    for item in series:
+        points = curves.setdefault(item["quantity"], {}).setdefault(item["curve"], [])
+        points += [(x, y) for x, y in zip(item["x"], item["y"], strict=True) if y > 0.0]
+    shown = [quantity for quantity in PANELS if curves.get(quantity)]
+    if not shown:
+        raise ValueError("no result holds errors at several spacings")
+    figure, axes = plots._figure(6.6 * len(shown), 4.8, len(shown), squeeze=False)
+    from matplotlib.ticker import LogLocator
+
+    for panel, quantity in zip(axes.flat, shown, strict=True):
+        label, sign = PANELS[quantity]
+        lines = {curve: np.array(sorted(points)) for curve, points in curves[quantity].items()}
+        every = np.concatenate(list(lines.values()))
+        panel.set(xscale="log", yscale="log", xlabel=label, title=quantity)
+        ends, top = np.sort([every[:, 0].min(), every[:, 0].max()])[::-sign], 1.3 * every[:, 1].max()
+        for order in (1.0, 1.5):  # thin, from above the largest error at the coarsest spacing to the finest
+            lowest = top * (ends[1] / ends[0]) ** (sign * order)
+            panel.plot(ends, (top, lowest), color="#9aa1a9", lw=1.0, ls="--", zorder=1)
+            panel.annotate(
+                f"order {order:g}",
+                (ends[1], lowest),
+                (-6 * sign, -3),
+                textcoords="offset points",
+                color="#6b727a",
+                fontsize=10,
+                ha="right" if sign < 0 else "left",
+                va="top",
+                zorder=1,
+            )
+        for (curve, points), colour in zip(lines.items(), cycle(plots.COLOURS), strict=False):
+            panel.plot(*points.T, "o-", color=colour, ms=6, mec="white", mew=0.8, label=curve)
+        panel.set_xticks(np.unique(every[:, 0]), [f"{x:g}" for x in np.unique(every[:, 0])], minor=False)
+        panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.tick_params(which="minor", left=False, bottom=False, labelleft=False, labelbottom=False)
+        panel.legend(loc="best", fontsize=10, frameon=False)
+    plots._save(figure, out)
 
 
 def file_of(folder: Path, scheme: str, name: str) -> Path:

@@ -16,7 +16,7 @@ import numpy as np
 from ..input.labels import STOP_REASONS, in_words, is_measure, mix_in_words, title, written
 from ..io import lock
 from ..io.history import read_history
-from ..io.run_folder import MARKER_FILE, PLOTS, REPORT, RunFolder, next_free, read_json
+from ..io.run_folder import MARKER_FILE, REPORT, RunFolder, next_free, read_json
 from ..report import inputs
 from ..report.sentences import LEADING, measured, measures, rows, sentences
 from ..units import SceneError, plain, require
@@ -158,13 +158,12 @@ class Runs:
         moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
         lines = [[text_of(cell) for cell in line] for line in (rows(summary) if summary else [])]
         more = [[f"and {len(lines) - MAX_LINES} more, see summary.json", "", ""]] * (len(lines) > MAX_LINES)
-        there = [name for name in (*PLOTS, *SAVED) if (folder.path / name).is_file()]
         return row(folder) | {
             "sentences": [text_of(text) for text in texts],
             "film": url(folder, str(moving.relative_to(folder.path))) if moving else None,
             "table": lines[:MAX_LINES] + more,
-            "plots": [url(folder, name) for name in there if name in PLOTS],
-            "files": [[SAVED[name], url(folder, name)] for name in there if name in SAVED],
+            "filling": url(folder, folder.filling.name) if folder.filling.is_file() else None,
+            "files": [[words, url(folder, name)] for name, words in SAVED.items() if (folder.path / name).is_file()],
         }
 
     def compare(self, asked) -> dict:

@@ -7,7 +7,7 @@ from ..input import catalogue
 from ..input.labels import OPTIONS, keyword_description
 from ..report.inputs import OMITTED, option
 from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of, user_path
-from .options import GROUPS, Run, group_of, is_tuple, suggested
+from .options import GONE, GROUPS, Run, group_of, is_tuple, suggested
 
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # keywords by the names of options
 SECTIONS = [group.split()[0] for group in GROUPS]
@@ -42,7 +42,8 @@ def case_text(source: str, problem, settings: dict) -> str:
 
 
 def changed_keys(path: Path, text: str) -> list[str]:
-    """List the keys of a case file whose values are not those of ``text``; "no TOML" where it is none."""
+    """List the keys of a case file, but those that are gone, whose values are not those of ``text``; "no TOML" where it
+    is none."""
     import tomlkit
 
     try:
@@ -57,7 +58,7 @@ def changed_keys(path: Path, text: str) -> list[str]:
         )
     except ValueError:
         return ["no TOML"]
-    return [key for key, value in given.items() if value != known.get(key)]
+    return [key for key, value in given.items() if value != known.get(key) and key not in GONE]
 
 
 def keywords(function, numerics) -> dict:
@@ -102,6 +103,7 @@ def command_words(path: Path) -> list[str]:
         given |= keys
     if given.get("renderer") == "software":
         del given["renderer"]  # the default of version 0.2
+    given.pop("plots", None)  # a switch of earlier versions
     known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
     options, words = [], {}
     for word, value in given.items():

@@ -15,7 +15,6 @@ from .. import __version__
 from ..engine import NUMERICS, Implicit, Problem
 from ..input import catalogue
 from ..io import checkpoint, lock
-from ..io.history import read_history
 from ..io.run_folder import RunFolder, next_free
 from ..io.vtkhdf import Trajectory
 from ..units import INSTANT, SceneError, plain, quote, require, suggestion, user_path
@@ -23,6 +22,7 @@ from .case_file import NOT_IN_CASE, case_text, expand_case_file
 from .options import (
     BAD_INPUT,
     DONE,
+    GONE,
     JSON,
     OutputError,
     Pictures,
@@ -40,7 +40,6 @@ from .run import (
     carry_out,
     complete,
     describe_run,
-    draw_curves,
     make_clock,
     print_result,
     redraw,
@@ -53,7 +52,7 @@ WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme tha
 RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
 KEPT_OPTIONS = ["scheme", "precision", "out", "overwrite"]  # options of a run that resume cannot change
-STILL_USED = "until", "plots", "quiet", "verbose"  # options of resume where nothing is left to compute
+STILL_USED = "until", "quiet", "verbose"  # options of resume where nothing is left to compute
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
@@ -135,8 +134,8 @@ def resume(arguments) -> int:
     state, remark = checkpoint.read_good(newest)
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
-    settings, passed = state.header["settings"], state.header["time"]
-    settings.pop("renderer", None)  # of version 0.2
+    settings = {key: value for key, value in state.header["settings"].items() if key not in GONE}
+    passed = state.header["time"]
     changed, remedy = given(arguments, Run, leave_out=KEPT_OPTIONS), given(arguments, Remedy)
     options = Run(**{**settings, **changed})
     state.header["numerics"].update(remedy)
@@ -173,29 +172,6 @@ def resume(arguments) -> int:
             os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
         source = catalogue.source(arguments.scene or state.header["source"])
         return carry_out(sim, folder, options, source, arguments.json, clock, resumed=changed | remedy)
-
-
-@command(
-    "Slump curve and history; the slump curves of several runs in one picture.",
-    {
-        "run": {"nargs": "+", "help": "run folder"},
-        "--out": {"help": "picture of the compared slump curves, slump.png by default"},
-        "--verbose": {"action": "store_true", "help": "the numerics in history.png, too"},
-        **JSON,
-    },
-)
-def plot(arguments) -> int:
-    """draw the curves of one or more runs"""
-    folders = [RunFolder(path) for path in arguments.run]
-    runs = {str(folder.path): read_history(folder.history) for folder in folders}
-    require(find_spec("matplotlib"), "plot needs matplotlib: pip install 'taichi-mps[plots]'")
-    from ..viz.plots import slump_curve
-
-    if len(folders) == 1 and arguments.out is None:
-        paths = draw_curves(folders[0], arguments.verbose)
-    else:
-        paths = [str(slump_curve(runs, arguments.out or "slump.png"))]
-    return tell(arguments, {"pictures": paths}, "\n".join(paths))
 
 
 @command(
@@ -315,12 +291,12 @@ COMMANDS = {
     "resume": resume,
     "render": render,
     "export": export,
-    "plot": plot,
     "report": report,
     **STUDY,
     "scenes": scenes,
     "info": info,
 }
+GONE_COMMANDS = {"plot": GONE["plots"], "validate": "from a checkout: python -m validation ROW"}
 
 
 def main(argv=None, more=None) -> int:
@@ -339,8 +315,8 @@ def main(argv=None, more=None) -> int:
         if argv[0] == "--version":
             say(__version__)
             return DONE
-        gone = "the command validate is gone; from a checkout: python -m validation ROW"
-        require(argv[0] != "validate", gone)
+        gone = GONE_COMMANDS.get(argv[0])
+        require(not gone, f"the command {argv[0]} is gone; {gone}")
         require(argv[0] in commands, f"unknown command '{argv[0]}'{suggestion(argv[0], commands)}")
         with warnings.catch_warnings():  # a warning is a line and never ends a run, whatever PYTHONWARNINGS says
             warnings.filters = [each for each in warnings.filters if each[0] != "error"]

@@ -39,7 +39,6 @@ EXAMPLES = {
     "resume": "resume renders/slump --until 4",
     "render": "render renders/slump --view speed",
     "export": "export renders/slump --surface",
-    "plot": "plot renders/soft renders/quick --out both.png",
     "report": "report renders/slump",
     "sweep": "sweep slump --yield-stress 50:1500:12 --plastic-viscosity 20,50,100",
     "calibrate": "calibrate --slump 18cm --slump-flow 32cm",
@@ -53,7 +52,8 @@ MIX = set(Concrete.model_fields)
 COST = {"spacing", "model", "accuracy", "threads", "budget"}
 EXPERT = {"critical_strain_rate", "scheme", "precision", "arch", "profile"}
 RESULTS = {"--slump", "--slump-flow", "--spread", "--t500"}  # which some users give as options
-GONE = {  # options of version 0.2 by their keyword, and what there is instead
+GONE = {  # options of earlier versions by their keyword, and what there is instead
+    "plots": "report.html draws the curves of a run, history.csv holds them",
     "renderer": "pictures are drawn in software; 'beads' shows the particles",
     "surface": "it is what is drawn; must be left out",
     **dict.fromkeys(("source", "gradient"), "the scheme semi-implicit has two forms, its own and --literal"),
@@ -138,7 +138,6 @@ class Run(Pictures):
     every: Duration | None = Field(None, description=EVERY_HELP)
     title: Caption | None = Field(None, description="title of the report, by default the name of the test")
     note: Caption | None = Field(None, description="remark that stands in the report")
-    plots: bool = Field(False, description="slump.png and history.png beside the report, which has these curves")
     out: str | None = Field(None, description="folder of the results, by default renders/<scene> or the next free name")
     overwrite: bool = Field(False, description="replace the run that is in the folder")
     profile: bool = Field(False, description="show the time that each stage took")

@@ -21,8 +21,7 @@ from rich.table import Table
 
 from ..engine import still
 from ..input.labels import title, written
-from ..io.history import read_history
-from ..io.run_folder import PLOTS, clear_pictures, next_free, write_whole
+from ..io.run_folder import clear_pictures, next_free, write_whole
 from ..report.sentences import LEADING, certainty, in_parts, in_time, numerics, rows, sentences, thin_solids
 from ..spelling import size
 from ..units import SceneError, plain, require
@@ -110,8 +109,11 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=None) -> int
     if folder.pictures:
         gif(folder.pictures, folder.animation, every=mean_interval(sim.time, folder.pictures))
     clock.begin("report")
-    written, numerics = write_report(folder, sim.scene), options.verbose or options.profile
-    draw_curves(folder, numerics, sim, options.plots or numerics or not written or (folder.path / PLOTS[1]).exists())
+    write_report(folder, sim.scene)
+    if sim.scene.cavity and find_spec("matplotlib"):
+        from ..viz.plots import filling
+
+        filling(sim.scene.cavity, sim.snapshot(), folder.filling)
     summary |= clock.finish()
     folder.write_summary(summary)
     folder.clock.unlink(missing_ok=True)
@@ -125,15 +127,14 @@ def mean_interval(end: float, pictures: list) -> float:
 
 
 def complete(folder, summary, options, scene_file, as_json) -> int:
-    """Make only what is missing of a run that has ended, as of one killed before its report: animation, report and
-    curves; and show its result."""
+    """Make only what is missing of a run that has ended, as of one killed before its report: animation and report; and
+    show its result."""
     from ..viz.render import gif
 
     if folder.pictures and not folder.animation.is_file():
         gif(folder.pictures, folder.animation, every=mean_interval(summary["simulated_seconds"], folder.pictures))
     if not folder.report.is_file():
         write_report(folder, scene_file=scene_file)
-    draw_curves(folder, options.verbose, courses=options.plots and not (folder.path / PLOTS[1]).exists())
     folder.clock.unlink(missing_ok=True)
     return show_result(summary, folder, options, as_json)
 
@@ -272,31 +273,11 @@ def numerics_table(summary: dict, stages) -> Table:
     return shown
 
 
-def draw_curves(folder, numerics=False, sim=None, courses=True) -> list[str]:
-    """Draw slump.png and history.png, if ``courses`` are wanted, with the numerics if asked, and filling.png for a
-    scene with a cavity; nothing without matplotlib. Returns the paths of the files."""
-    cavity = sim and sim.scene.cavity
-    if not (courses or cavity) or not find_spec("matplotlib"):
-        return []
-    from ..viz import plots
-
-    slump, course, filling = (folder.path / name for name in PLOTS)
-    if courses:
-        rows = read_history(folder.history)
-        plots.history(rows, course, numerics)
-        if not all(map(math.isnan, rows["slump_m"])):
-            plots.slump_curve({folder.path.name: rows}, slump)
-    if cavity:
-        plots.filling(cavity, sim.snapshot(), filling)
-    return [str(path) for path in (slump, course, filling) if path.is_file()]
-
-
-def write_report(folder, scene=None, scene_file=None) -> bool:
-    """Write report.html; returns whether it was written. A failure prints one line and does not end the run."""
+def write_report(folder, scene=None, scene_file=None) -> None:
+    """Write report.html. A failure prints one line and does not end the run."""
     from ..report.page import write
 
     try:
-        return write(folder, scene, scene_file).is_file()
+        write(folder, scene, scene_file)
     except (SceneError, OSError) as error:
         print(f"taichi-mps: no report.html: {plain(error)}", file=sys.stderr)
-    return False

@@ -1,4 +1,4 @@
-"""Pictures, curves and films.
+"""Pictures and films of a run, and the look of charts.
 
 Nothing is computed here that a result depends on.
 Read render.py first.

@@ -96,6 +96,12 @@ def test_what_is_no_case_is_refused_in_one_line(tmp_path, text, message):
         planned("run", [str(tmp_path / "case.toml")])
 
 
+def test_a_case_may_have_the_switch_for_curves_that_is_gone(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text("scene = 'slump'\n[output]\nplots = true\nbeads = true\n", encoding="utf-8")
+    assert planned("run", [str(path)])[1].beads and case_file.changed_keys(path, "") == ["beads"]
+
+
 def test_new_prints_a_case(tmp_path, capsys):
     path = tmp_path / "case.toml"
     assert main(["new", "wall", "--rate=10 l/s"]) == 0

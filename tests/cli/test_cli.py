@@ -291,7 +291,11 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ("resume nowhere", "checkpoint nowhere/checkpoint.h5: no such file"),
         ("resume file", "checkpoint file: damaged, or not a checkpoint"),
         ("render nowhere", "run = nowhere: holds no run.h5"),
-        ("plot nowhere", "run = nowhere: holds no history.csv"),
+        (
+            "plot nowhere",
+            "the command plot is gone; report.html draws the curves of a run, history.csv holds them",
+        ),
+        ("run slump --plots", "unknown option --plots: report.html draws the curves of a run, history.csv holds them"),
         ("info nowhere", "run = nowhere: holds no summary.json"),
     ],
 )

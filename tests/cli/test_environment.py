@@ -50,11 +50,11 @@ def program(folder, words, **settings):
 
 @pytest.mark.slow
 def test_a_run_in_an_odd_environment(tmp_path):
-    words = [*MAIN, *RUN, "--plots", "--out=~/型"]
+    words = [*MAIN, *RUN, "--out=~/型"]
     done = program(tmp_path, words, env=ODD | {"HOME": str(tmp_path / "home")}, capture_output=True)
     assert (done.returncode, done.stderr) == (0, b"")
     folder = RunFolder(tmp_path / "home" / "型")
-    assert folder.report.is_file() and (folder.path / "history.png").is_file() and len(folder.pictures) == 2
+    assert folder.report.is_file() and len(folder.pictures) == 2
     assert b"home/\\udce5" in done.stdout.replace(b"\n", b"") and b"Time limit after" in done.stdout
 
 
@@ -128,14 +128,14 @@ def test_a_path_with_a_tilde_lies_at_home_wherever_a_user_names_one(tmp_path, mo
     assert catalogue.source("~/own.py") == str(home / "own.py")
     assert mps.main(["run", "~/case.toml", "--forecast"]) == 0
     folder, *_ = recorded("~/run", 2, "time")
-    for words in (["info", "~/run"], ["plot", "~/run"], ["plot", "~/run", "--out=~/curve.png"], ["export", "~/run"]):
+    for words in (["info", "~/run"], ["export", "~/run"], ["export", "~/run", "--out=~/vtu"]):
         assert mps.main(words) == 0, capsys.readouterr().err
     mps.checkpoint.read_good("~/run/checkpoint.h5")
     mps.write_bars("~/bars.stl", [[(0.0, 0.0, 0.0), (0.0, 0.0, 1.0)]], 0.01)
     mps.gif("~/run/frames", "~/film.gif") if folder.pictures else None
     (home / "mixes.csv").write_text("slump [cm],spread [cm]\n20,35\n", encoding="utf-8")
     assert mps.main(["calibrate", "--table=~/mixes.csv"]) == 0
-    made = {"own.py", "case.toml", "run", "curve.png", "bars.stl", "mixes.csv", "mixes-calibrated.csv"}
+    made = {"own.py", "case.toml", "run", "vtu", "bars.stl", "mixes.csv", "mixes-calibrated.csv"}
     assert made <= {path.name for path in home.iterdir()} and not list(here.iterdir())
 
 
@@ -198,6 +198,15 @@ def test_of_a_run_killed_before_its_report_only_what_is_missing_is_made(ended, m
     monkeypatch.setattr(run_module, "write_report", lambda folder, **_: folder.report.write_text("the page"))
     assert mps.main(["resume", str(folder.path), "--quiet"]) == 0
     assert contents(folder.path) == before
+
+
+def test_an_earlier_run_is_read_without_the_options_that_are_gone(ended):
+    folder, finish = ended
+    finish("time")
+    state = checkpoint.read(folder.checkpoint)
+    state.header["settings"]["plots"] = True
+    state.write(folder.checkpoint)
+    assert mps.main(["resume", str(folder.path), "--quiet"]) == 0
 
 
 def test_numerics_are_refused_where_only_the_summary_is_missing(ended, capsys):

@@ -237,7 +237,7 @@ def random_damage(dice, folder, bases) -> Trial:
             path.symlink_to(folder / "nowhere")
         elif dice.random() < 0.9:
             path.write_bytes(data)
-    reading = [["info"], ["info", "--json"], ["plot"], ["export"], ["render"], ["render", "--view=speed"], ["resume"]]
+    reading = [["info"], ["info", "--json"], ["export"], ["render"], ["render", "--view=speed"], ["resume"]]
     commands = [[words[0], f"{run}", *words[1:]] for words in dice.sample(reading, 3)]
     return Trial("damaged run", commands)
 

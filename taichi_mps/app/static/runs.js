@@ -129,7 +129,7 @@ export class Runs {
       h("p.files", {}, run.report ? h("a.button", {href: run.report, target: "_blank", rel: "noopener"}, "open the report") : "", files),
       run.film ? h("img.film", {src: run.film, alt: run.name}) : "",
       run.table.length ? table(["result", "", "what it is"], run.table) : "",
-      ...run.plots.map((at) => h("img.film", {src: at, alt: "", loading: "lazy"})));
+      run.filling ? h("img.film", {src: run.filling, alt: "what is filled", loading: "lazy"}) : "");
   }
 
   async compare(names) {
