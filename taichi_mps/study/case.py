@@ -17,7 +17,7 @@ from ..io.summary import summary as summary_of
 from ..units import ordinary, user_path
 
 T500_SPREAD = 0.5  # slump flow [m] that defines T500: EN 12350-8
-MIN_INTERVAL, MIN_FRACTION, MAX_FRACTION = 0.02, 0.05, 0.25  # [s] and [-] of the time so far, between two measurements
+MIN_INTERVAL, MIN_FRACTION = 0.02, 0.05  # [s] and [-] of the time so far, between two measurements of a slump flow
 SUMMARY_COLUMNS = "stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max"  # kept in a row
 SUMMARY_COLUMNS += "cpu_seconds", "compile_seconds", "version"
 LOST = "lost"  # status of a case that was not finished; computed again when the study is resumed
@@ -68,8 +68,8 @@ def run(case: Case, samples: int = 0) -> dict:
     where it is not, and again, which drops every earlier Simulation, where its fields are used up.
 
     A row holds key, status ('done', 'failed', or LOST where memory or a file was missing), reason (of a finished run
-    its warnings), the parameters, the scene's measures at the end, t500_s [s] where the slump flow came to 500 mm, what
-    stopped the run, steps and seconds; with ``samples`` in ``course`` that many values of each measure over time,
+    its warnings), the parameters, the scene's measures at the end and over time, what stopped the run, steps and
+    seconds; with ``samples`` in ``course`` that many values of each measure over time,
     {name: values}.
     """
     from .reuse import begin
@@ -78,57 +78,33 @@ def run(case: Case, samples: int = 0) -> dict:
         warnings.simplefilter("default")
         try:
             sim = begin(catalogue.build(case.scene, **case.parameters))
-            spread = Milestone(sim, "spread_m", T500_SPREAD)
-            # without jolts T500 is all that a scene with a spread makes of its course
-            over_time = None if spread.is_measured and not sim.scene.jolts else sim.scene.over_time
-            history, frames = [], []
-            if over_time:
-                history.append(row_of(sim, sim.measures()))
-                sim.each_step(lambda sim: sim.all_active and history.append(row_of(sim, sim.measures())))
+            history, frames = [row_of(sim, sim.measures())], []
+            # measuring costs as much as some steps, and without jolts T500 is all that is made of a slump flow
+            sparse = "spread_m" in history[0] and not sim.scene.jolts
+
+            def note(sim):
+                last = history[-1]["time_s"]
+                due = last + max(MIN_INTERVAL, MIN_FRACTION * last) if sparse else last
+                if sim.all_active and sim.time > due:
+                    history.append(row_of(sim, sim.measures()))
+
+            if sim.scene.over_time:
+                sim.each_step(note)
             if samples:
                 interval = sim.scene.until / samples
                 sim.every(interval, lambda frame: frames.append({"time_s": frame.time} | frame.measures()))
             sim.run()
             summary, measures = summary_of(sim), sim.measures()
-            if over_time:
+            if sim.scene.over_time:
+                history += [row_of(sim, measures)] * (history[-1]["time_s"] < sim.time)
                 columns = {name: np.array([step.get(name, math.nan) for step in history]) for name in history[-1]}
-                measures |= over_time(columns)
+                measures |= sim.scene.over_time(columns)
         except Exception as error:  # a study goes on, whatever a case does
             status = LOST if isinstance(error, MemoryError | OSError) else "failed"
             return row_without_result(case, status, f"{type(error).__name__}: {error}")
     row = row_without_result(case, "done", "; ".join(str(warning.message) for warning in caught))
     filling = {name: summary[name] for name in ("filled_ratio", "void_m3") if name in summary}
     row |= {name: strict(float(value)) for name, value in (measures | filling).items()}
-    if spread.is_measured:
-        row["t500_s"] = spread.time
     if frames:
         row["course"] = {name: [strict(frame.get(name)) for frame in frames] for name in frames[-1]}
     return row | {name: strict(summary[name]) for name in SUMMARY_COLUMNS}
-
-
-class Milestone:
-    """First time [s] at which a measure of a run reaches a value; None if it never does.
-
-    The measure is interpolated in the logarithm of time. Measuring costs as much as some steps, so it is done again
-    when at its present rate the measure would be half way to the value.
-    """
-
-    def __init__(self, sim, name: str, value: float):
-        self.name, self.value, self.time = name, value, None
-        self.last, self.due = (0.0, sim.measures().get(name)), 0.0
-        self.is_measured = self.last[1] is not None
-        if self.is_measured:
-            sim.each_step(self.check)
-
-    def check(self, sim):
-        """Measure, if that is due, and interpolate the time at which the value was reached."""
-        before, low = self.last
-        if self.time is not None or sim.time < self.due:
-            return
-        now = sim.measures().get(self.name, math.nan)
-        if now >= self.value > low:
-            part = (self.value - low) / (now - low)
-            self.time = before + part * (sim.time - before) if before == 0.0 else before * (sim.time / before) ** part
-        half_way = 0.5 * (self.value - now) / (now - low) * (sim.time - before) if now > low else math.inf
-        self.due = sim.time + max(MIN_INTERVAL, MIN_FRACTION * sim.time, min(half_way, MAX_FRACTION * sim.time))
-        self.last = sim.time, max(low, now)

@@ -330,25 +330,11 @@ def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
     assert set(mps.Bingham.from_fields) <= set(mps.Bingham.model_fields)
 
 
-@pytest.mark.parametrize(("end", "steps", "value"), [(1.0, 100, 0.5), (30.0, 3000, 0.85)])
-def test_the_time_of_a_milestone_lies_between_two_looks(end, steps, value):
-    """The times at which a known course reaches 0.5 m, 1/e s, and 0.85 m, e^2.5 s, are interpolated between two
-    measurements."""
-    looks = []
-
-    class Run:
-        time = 0.0
-
-        def measures(self):
-            looks.append(self.time)
-            return {"spread_m": 0.2 if self.time == 0.0 else 0.6 + 0.1 * np.log(self.time)}
-
-        def each_step(self, look):
-            self.look = look
-
-    sim = Run()
-    milestone = cases.Milestone(sim, "spread_m", value)
-    for sim.time in np.linspace(0.01, end, steps):
-        sim.look(sim)
-    assert milestone.time == pytest.approx(np.exp(10.0 * (value - 0.6)), rel=1e-6)
-    assert 5 < len(looks) < 51
+def test_t500_of_a_case_is_that_of_all_steps():
+    """A case measures the slump flow at some steps only; T500, interpolated in time, is that of all within 1 %."""
+    soft = {"model": "axisymmetric", "spacing": 0.02, "yield_value": 30.0, "plastic_viscosity": 50.0, "until": 5.0}
+    found, sim = cases.run(cases.case("slump", **soft))["t500_s"], mps.Simulation(mps.slump_cone(**soft))
+    course = [(0.0, sim.measures()["spread_m"])]
+    sim.each_step(lambda sim: course.append((sim.time, sim.measures()["spread_m"])))
+    sim.run()
+    assert found == pytest.approx(mps.measure.time_of(*np.array(course).T, 0.5), rel=0.01)
