@@ -1,7 +1,7 @@
 """Tables: CSV files of users, what their columns hold, and the folder of a study.
 
 ``journal.jsonl``   one row a line, flushed to the disk before the next case; it alone is read when a study is resumed
-``results.csv``     the same rows in the order of the cases, one column a quantity; with pyarrow ``results.parquet``
+``results.csv``     the same rows in the order of the cases, one column a quantity
 """
 
 import csv
@@ -191,13 +191,6 @@ class Results:
         temporary = self.table.with_suffix(".part")
         write(rows, temporary)
         os.replace(temporary, self.table)
-        with suppress(ImportError):
-            import pyarrow.csv
-            import pyarrow.parquet
-
-            options = pyarrow.csv.ConvertOptions(strings_can_be_null=True)
-            pyarrow.parquet.write_table(pyarrow.csv.read_csv(self.table, convert_options=options), temporary)
-            os.replace(temporary, self.table.with_suffix(".parquet"))
 
 
 @contextmanager
