@@ -397,7 +397,7 @@ class Bench:
                 {"slump": 0.2, "spread": 0.4, "rho": 2300.0, "study": None, "check": False},
             ),
             "Wanted": (require.Wanted, wanted),
-            "calibrate_list": (mixes.calibrate_list, {"rows": [], "study": None, "watch": None}),
+            "calibrate_list": (mixes.calibrate_list, {"rows": [], "study": None}),
             "read_list": (mixes.read_list, {"path": "list.csv"}),
             "slump_chart": (chart.slump_chart, {"out": "chart.png", "study": None}),
         }

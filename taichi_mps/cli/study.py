@@ -314,18 +314,10 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     rows = mixes.read_list(path)
     if others := mixes.unused(rows):
         print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)
-
-    start = time.monotonic()
     about = in_time(mixes.SECONDS_PER_MIX * len(rows))
     print(f"taichi-mps: {len(rows)} mixes: about {about} in all", file=sys.stderr, flush=True)
 
-    def watch(row, number):
-        if sys.stderr.isatty():
-            left = in_time((time.monotonic() - start) / number * (len(rows) - number))
-            text = f"{number} of {len(rows)} mixes, {left} left: {next(iter(row.values()))}: {row['verdict']}"
-            print(f"\r{plain(text)[:100]:100}", end="\n" * (number == len(rows)), file=sys.stderr, flush=True)
-
-    found = mixes.calibrate_list(rows, options.study, watch)
+    found = mixes.calibrate_list(rows, options.study)
     mixes.write(found, out)
     tell(arguments, found, f"{mixes.tally(found)}\nEvery mix with its constants and reasons: {out}")
     tell_chart("mixes_chart", found, out.with_suffix(".png"))

@@ -2,7 +2,6 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 
@@ -197,15 +196,10 @@ def verdict_of(found: Calibration) -> dict[str, str]:
 
 
 @validated
-def calibrate_list(rows: list[dict], study: Place | None = None, watch: Callable | None = None) -> list[dict]:
-    """Calibrate all rows and return them with the results, in order; ``watch(row, number)`` is called after each."""
+def calibrate_list(rows: list[dict], study: Place | None = None) -> list[dict]:
+    """Calibrate all rows and return them with the results, in order."""
     emulator_of(study)  # refused once, not for each row
-    found = []
-    for number, row in enumerate(rows, 1):
-        found.append(calibrate_row(row, study))
-        if watch:
-            watch(found[-1], number)
-    return found
+    return [calibrate_row(row, study) for row in rows]
 
 
 def tally(rows: list[dict]) -> str:
