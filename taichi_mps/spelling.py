@@ -168,7 +168,7 @@ def decimal_point(digits: str) -> str:
     grouped = re.fullmatch(r"\d*|[1-9]\d{0,2}(?:([.,'_])\d{3})(?:\1\d{3})*", whole)
     if not grouped or (mark == "," and not part):
         raise ValueError("no number")
-    return (re.sub(r"\D", "", whole) or "0") + f".{part}" * bool(part)
+    return (re.sub(r"\D", "", whole) or "0") + (f".{part}" if part else "")
 
 
 def canonical(unit: str) -> str:
@@ -219,7 +219,7 @@ def in_unit(unit: str, value):
         return value
     try:
         sign, digits, exponent, power = found.groups()
-        number = sign + decimal_point(digits) + f"e{exponent or power}" * bool(exponent or power)
+        number = sign + decimal_point(digits) + (f"e{exponent or power}" if exponent or power else "")
         given = found.string[found.end() :].strip()
         return number if given in ("", unit) else converted(Fraction(number), given, unit)
     except (AmbiguousError, ImportError):

@@ -364,19 +364,19 @@ def explain(error: ValidationError, model: type[BaseModel]) -> dict[str, str]:
         unit = known.strip("-")
         allowed = item["msg"].replace("Input should be", "must be").replace("Value error, ", "")
         if kind == "float_parsing":
-            allowed = "must be a number" + f" [{unit}]" * bool(unit)
+            allowed = "must be a number" + (f" [{unit}]" if unit else "")
         elif kind == "too_long" or (kind == "missing" and len(item["loc"]) > 1):  # of a tuple
             kind, allowed = "length", f"must be {len(get_args(model.model_fields[key].annotation))} values"
         elif kind.startswith(("greater", "less")):
-            allowed += f" {unit}" * bool(unit) + f" ({known.hint})" * bool(known.hint)
+            allowed += (f" {unit}" if unit else "") + (f" ({known.hint})" if known.hint else "")
         shown = " ".join(str(item["input"])[:1000].split())[:MAX_CHARACTERS] or "''"  # on one line
         if not isinstance(item["input"], str) or without_unit(item["input"]) or kind == "finite_number":
-            shown += f" {unit}" * bool(unit)
+            shown += f" {unit}" if unit else ""
         line = f"{key} = {shown}: {allowed}"
         if kind == "extra_forbidden":
             key, line = "", f"unknown key '{key}'{suggestion(key, model.model_fields)}"
         elif kind == "missing":
-            line = f"{key} is missing" + f" [{unit}]" * bool(unit)
+            line = f"{key} is missing" + (f" [{unit}]" if unit else "")
         elif not key:  # of several keys together, which the message names
             key, line = leading_key(allowed), allowed
         elif found.get(key, "").startswith(f"{key} = {shown}: "):

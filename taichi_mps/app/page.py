@@ -113,7 +113,7 @@ class Page:
         self.check_fields(asked, form.measurements())
         test = Measurements(**asked.values)
         check_measurements(test, emulators_of(test.measured()))  # at once, not by the job
-        words = ["calibrate", "--json", *form.options(asked.values), *["--no-check"] * (not asked.check)]
+        words = ["calibrate", "--json", *form.options(asked.values), *(["--no-check"] if not asked.check else [])]
         return self.enqueue(Job("calibration", words))
 
     def found(self, asked: Query) -> dict:
@@ -168,12 +168,12 @@ def verdict(facts: dict) -> str:
             known_texts.append(f"{words} about {rounded(value, 2)} {unit} ({span})")
         else:
             unknown.append(name)
-    sentences = ["; ".join(known_texts)] * bool(known_texts)
+    sentences = ["; ".join(known_texts)] if known_texts else []
     for name in unknown:
         others = [words for key, words in MEASURE.get(name, {}).items() if key not in facts["measured"]]
         these = MEASUREMENTS[min(len(facts["measured"]), len(MEASUREMENTS)) - 1]
         sentences.append(
-            f"The {in_words(name)} can't be told from {these}" + f": measure {' or '.join(others)}" * bool(others)
+            f"The {in_words(name)} can't be told from {these}" + (f": measure {' or '.join(others)}" if others else "")
         )
     text = ". ".join(sentences)
     return f"{text[0].upper()}{text[1:]}."

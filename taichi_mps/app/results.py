@@ -157,7 +157,7 @@ class Runs:
         texts += [str(summary["error"])] if summary.get("error") else []
         moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
         lines = [[text_of(cell) for cell in line] for line in (rows(summary) if summary else [])]
-        more = [[f"and {len(lines) - MAX_LINES} more, see summary.json", "", ""]] * (len(lines) > MAX_LINES)
+        more = [[f"and {len(lines) - MAX_LINES} more, see summary.json", "", ""]] if len(lines) > MAX_LINES else []
         return row(folder) | {
             "sentences": [text_of(text) for text in texts],
             "film": url(folder, str(moving.relative_to(folder.path))) if moving else None,

@@ -30,7 +30,7 @@ def case_text(source: str, problem, settings: dict) -> str:
     for name, (model, field) in known.items():
         table = tables[group_of(name, model).split()[0]]
         unit = unit_of(field).strip("-")
-        comment = (field.description or keyword_description(name)) + f" [{unit}]" * bool(unit)
+        comment = (field.description or keyword_description(name)) + (f" [{unit}]" if unit else "")
         if values.get(name) is None:
             table.add(tomlkit.comment(f"{name} =  # {comment}"))
         else:

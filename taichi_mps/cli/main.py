@@ -62,7 +62,7 @@ def planned(name, argv):
     known, function, parser = parse_scene(name, argv, Run, "SCENE|CASE.toml")
     numerics, parameters = NUMERICS.get(known.scheme, Implicit), function.parameters
     own_until = parameters.model_fields.get("until")
-    without = ["until"] * bool(own_until) + [*NOT_IN_CASE] * (name == "new")
+    without = (["until"] if own_until else []) + ([*NOT_IN_CASE] if name == "new" else [])
     for model, left_out in ((parameters, ()), (numerics, ()), (Run, without)):
         parser.options(model, leave_out=left_out)
     if name == "run":

@@ -197,7 +197,7 @@ class Parser(argparse.ArgumentParser):
                 }
             else:
                 unit = unit_of(field).replace("-", "N").replace(" ", ".")
-                settings["metavar"] = "|".join([unit] * bool(unit) + choices(field)) or "X"
+                settings["metavar"] = "|".join(([unit] if unit else []) + choices(field)) or "X"
             self.groups[title or group_of(name, model)].add_argument(*dict.fromkeys(flags), **settings)
 
     def parse(self, argv):
@@ -269,7 +269,7 @@ def default(field) -> str:
     """Format the default of a field: 'default 300 Pa', the unit alone without a default, or 'required'."""
     unit = unit_of(field).strip("-")
     if field.is_required() or field.default in (None, "") or field.default is False:
-        return " ".join(["required"] * field.is_required() + [f"[{unit}]"] * bool(unit))
+        return " ".join(["required"] * field.is_required() + ([f"[{unit}]"] if unit else []))
     return f"default {quote(field.default, unit)}"
 
 

@@ -8,7 +8,7 @@ import time
 from contextlib import suppress
 
 HANG_UP = getattr(signal, "SIGHUP", None)  # of a terminal that is closed; Windows has none
-SIGNALS = signal.SIGINT, signal.SIGTERM, *[HANG_UP] * (HANG_UP is not None)
+SIGNALS = signal.SIGINT, signal.SIGTERM, *([HANG_UP] if HANG_UP is not None else [])
 program_start: list[float] = []  # start of the program, if this process is it, by time.monotonic [s]
 received: list[int] = []  # signals received before a run handled them itself
 

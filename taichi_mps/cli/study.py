@@ -106,7 +106,7 @@ def watching(varied, quiet: bool, options, planned, runs=None):
         workers = min(options.workers or os.cpu_count() or 1, count - there) if local else 1
         whole = wall_time(planned, workers, count - there)
         time = f"{workers} at a time, about {in_time(whole)} in all" if local else f"{in_time(whole)} of processor time"
-        text = f"{'at most ' * bool(runs)}{count - there} runs" + f", {there} more are there" * bool(there)
+        text = f"{'at most ' * bool(runs)}{count - there} runs" + (f", {there} more are there" if there else "")
         print(f"taichi-mps: {text}: {time}", file=sys.stderr, flush=True)
 
     def tell(rows, total):
@@ -124,7 +124,7 @@ def watching(varied, quiet: bool, options, planned, runs=None):
             left = whole * more / (done + more) if whole and more else 0.0
             if known and done > 0:
                 left = math.sqrt(left * (time.monotonic() - start) / done * more)
-            text = f"{', '.join(words)}: {outcome(row)}" + f", in {in_time(spent)}" * bool(spent)
+            text = f"{', '.join(words)}: {outcome(row)}" + (f", in {in_time(spent)}" if spent else "")
             print(plain(f"{text}; about {in_time(left)} left" if left else text), file=sys.stderr, flush=True)
 
     return tell
@@ -193,7 +193,9 @@ def not_done(rows, differing) -> list[str]:
 
 def some(lines: list[str], table) -> list[str]:
     """The first of many lines, and where the others are."""
-    return lines[:MOST_SHOWN] + [f"and {len(lines) - MOST_SHOWN} more, see {table}"] * (len(lines) > MOST_SHOWN)
+    return lines[:MOST_SHOWN] + (
+        [f"and {len(lines) - MOST_SHOWN} more, see {table}"] if len(lines) > MOST_SHOWN else []
+    )
 
 
 def tell_chart(name: str, *found) -> None:
@@ -208,7 +210,7 @@ def tally(rows) -> str:
     """Numbers of cases done, failed and lost, in words."""
     count = Counter(row["status"] for row in rows)
     words = [f"{count['done']} cases done", *(f"{count[name]} {name}" for name in ("failed", LOST) if count[name])]
-    return ", ".join(words) + " (the same command computes the lost ones again)" * bool(count[LOST])
+    return ", ".join(words) + (" (the same command computes the lost ones again)" if count[LOST] else "")
 
 
 # ---- require ---------------------------------------------------------------------------------------------------

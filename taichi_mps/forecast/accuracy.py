@@ -250,12 +250,14 @@ def choose(
     for choice in keeping:
         if choice.error <= accuracy:
             return choice
-    given = ", ".join([f"model = {model}"] * bool(model) + [f"spacing = {spacing} m"] * (spacing is not None))
+    given = ", ".join(
+        ([f"model = {model}"] if model else []) + ([f"spacing = {spacing} m"] if spacing is not None else [])
+    )
     best = min(keeping, key=lambda choice: choice.error, default=None)
     allowed = f"must be at least {best.error:g} m, which is {best}" if best else "nothing was measured there"
     if not fitting:
         sizes = sorted({f"{1e3 * c.spacing:g}" for c in choices(mix, height) if model in (None, c.model)}, key=float)
-        allowed += f"; spacings of {', '.join(sizes)} mm were" * bool(sizes)
+        allowed += f"; spacings of {', '.join(sizes)} mm were" if sizes else ""
     if fitting and not keeping:
         allowed += f" that keeps the volume within {100.0 * MAX_VOLUME_ERROR:g} %"
     raise SceneError(f"accuracy = {accuracy:g} m{' with ' * bool(given)}{given}: {allowed}")

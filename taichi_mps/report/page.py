@@ -137,7 +137,7 @@ def safe(text) -> str:
 def table(rows, head=()) -> str:
     """HTML table of rows of texts, the first cell of each as its heading; empty without rows."""
     marks = "".join(f'<th scope="col">{safe(text)}</th>' for text in head)
-    lines = [f"<tr>{marks}</tr>"] * bool(head)
+    lines = [f"<tr>{marks}</tr>"] if head else []
     for first, *others in rows:
         cells = "".join(f"<td>{safe(cell)}</td>" for cell in others)
         lines.append(f'<tr><th scope="row">{safe(first)}</th>{cells}</tr>')
@@ -155,12 +155,12 @@ def doubts(run) -> list[str]:
 
 def view_notes(film: dict, scene) -> list[str]:
     """Sentences that explain the view of the film, and the outputs that it leaves out."""
-    notes = ["Drag to turn."] * (scene.dimension == 3 or scene.axisymmetric)
-    notes += ["Red: the mould, or the bars."] * bool(scene.outline)
+    notes = ["Drag to turn."] if scene.dimension == 3 or scene.axisymmetric else []
+    notes += ["Red: the mould, or the bars."] if scene.outline else []
     notes.append(f"Flowing: the viscous part of the stress is over {FLOW_THRESHOLD:.0%} of the yield stress.")
     shown = len(film["times"])
     fewer = f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all."
-    return notes + [fewer] * (shown < film["outputs"])
+    return notes + ([fewer] if shown < film["outputs"] else [])
 
 
 def input_rows(run) -> list[tuple[str, str]]:

@@ -66,7 +66,11 @@ def ending(summary, mixes=True) -> str:
     if not mixes:
         return f"{text}."
     materials = summary.get("materials") or []
-    mix = f" ({mix_in_words(materials[0])})" if len(materials) == 1 else f" ({len(materials)} mixes)" * bool(materials)
+    mix = (
+        f" ({mix_in_words(materials[0])})"
+        if len(materials) == 1
+        else (f" ({len(materials)} mixes)" if materials else "")
+    )
     return f"{text[0].upper()}{text[1:]}{plain(mix)}."
 
 
@@ -107,8 +111,10 @@ def certainty(summary) -> str:
     if found is None:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
     mix, height, error = found
-    lifted = "; lifting the mould, beside finer particles and shorter steps" * (
-        summary.get("parameters", {}).get("lift_speed") is not None
+    lifted = (
+        "; lifting the mould, beside finer particles and shorter steps"
+        if summary.get("parameters", {}).get("lift_speed") is not None
+        else ""
     )
     if error is None:
         return (

@@ -96,7 +96,7 @@ def run(case: Case, samples: int = 0) -> dict:
             sim.run()
             summary, measures = summary_of(sim), sim.measures()
             if sim.scene.over_time:
-                history += [row_of(sim, measures)] * (history[-1]["time_s"] < sim.time)
+                history += [row_of(sim, measures)] if history[-1]["time_s"] < sim.time else []
                 columns = {name: np.array([step.get(name, math.nan) for step in history]) for name in history[-1]}
                 measures |= sim.scene.over_time(columns)
         except Exception as error:  # a study goes on, whatever a case does

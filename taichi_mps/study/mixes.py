@@ -56,7 +56,7 @@ def hint(column: str) -> str:
     key = key_of(re.sub(r"[\[(].*", "", column))
     similar = suggestion(key, FIELDS.keys() - {key}).removeprefix(", ")
     reason = next((reason for name, reason in OTHER_TESTS.items() if key.startswith(name)), similar)
-    return f"'{column}'" + f" ({reason})" * bool(reason)
+    return f"'{column}'" + (f" ({reason})" if reason else "")
 
 
 @validated
@@ -126,7 +126,7 @@ def without_slump(measured: dict[str, str]) -> dict[str, str]:
     results of a mix that flows."""
     test, (_, base, _) = Measurements(**measured | {"slump": "1"}), dimensions(emulator_of())
     flows = [name for name in ("t500", "mini_cone", "v_funnel") if name in measured]
-    flows += ["slump flow"] * bool(test.spread and test.spread - 3.0 * test.spread_error > base)
+    flows += ["slump flow"] if test.spread and test.spread - 3.0 * test.spread_error > base else []
     why = f"slump = 0 m: such a mix has no {' and no '.join(flows)}; must be an empty cell if it was not measured"
     require(not flows, why)
     slump_error = test.slump_error

@@ -45,7 +45,7 @@ def read_triangles(path, scale, body, tolerance):
             return READERS[kind](data), []
     except Exception as error:
         why = error if isinstance(error, SceneError) else "damaged or another format"
-        uneven = "; faces of a binary PLY must all have as many corners" * (b"format binary" in data[:400])
+        uneven = "; faces of a binary PLY must all have as many corners" if b"format binary" in data[:400] else ""
         raise SceneError(f"mesh {path}: cannot be read as {kind.upper()} ({why}{uneven})") from None
 
 
@@ -142,5 +142,7 @@ def read_step(path, name, tolerance):
     told = f"{len(names)} bodies: {', '.join(names[:20])}"
     require(not name or name in names, f"mesh {path}: body = {name}: must be one of its {told}")
     triangles = np.concatenate([np.zeros((0, 3, 3)), *(own for key, own in bodies if name in ("", key))])
-    note = f"{len(triangles)} triangles within {tolerance:.2g} m of the faces of " + (f"body {name} of " * bool(name))
+    note = f"{len(triangles)} triangles within {tolerance:.2g} m of the faces of " + (
+        f"body {name} of " if name else ""
+    )
     return triangles, [note + told]

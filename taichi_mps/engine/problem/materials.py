@@ -587,7 +587,7 @@ def numbers_of_all_laws() -> dict:
     """
     fields = {}
     for law in LAWS:
-        hints, whose = get_type_hints(law, include_extras=True), f" ({law.__name__})" * (law is not LAWS[0])
+        hints, whose = get_type_hints(law, include_extras=True), f" ({law.__name__})" if law is not LAWS[0] else ""
         for name, field in numbers_of(law).items():
             default = Field(None if name in law.viscous else field.default, description=f"{field.description}{whose}")
             fields.setdefault(name, (hints[name] if name in COMMON_NUMBERS else hints[name] | None, default))

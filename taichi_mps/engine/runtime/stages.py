@@ -159,7 +159,7 @@ class Execution:
                 if kind is not None and argument is not TURN:
                     same = (k for k, number in enumerate(known) if number is argument and type(number) is float)
                     slot = next(same, len(known))
-                    known += [argument] * (slot == len(known))
+                    known += [argument] if slot == len(known) else []
                 slots.append(slot)
             if len(known) > MAX_NUMBERS:
                 break

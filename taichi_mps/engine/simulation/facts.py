@@ -58,7 +58,7 @@ def filling(sim) -> dict:
     """Volume that has been poured, and filled part of the cavity; both of the whole body."""
     facts = {}
     if sim.pouring:
-        facts["poured_m3" + "_per_m" * (sim.scene.dimension == 2)] = sum(
+        facts["poured_m3" + ("_per_m" if sim.scene.dimension == 2 else "")] = sum(
             pouring.volume * pouring.copies for pouring in sim.pouring
         )
         facts["pour_delay_s"] = max(pouring.delay for pouring in sim.pouring)
