@@ -4,7 +4,6 @@ So Taichi is never started in the server, a run is stopped as on a terminal, and
 """
 
 import asyncio
-import os
 import signal
 import sys
 import time
@@ -12,11 +11,9 @@ from asyncio.subprocess import DEVNULL, PIPE
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from ..io import lock
-from ..io.run_folder import RunFolder, next_free, read_json
-from ..units import plain, user_path
+from ..io.run_folder import RunFolder, next_free
+from ..units import user_path
 
-POLL_INTERVAL = 0.5  # time between two checks of a run that was taken over [s]
 SHUTDOWN_TIMEOUT = 30.0  # time for a run to end after Ctrl-C [s]
 SIGNAL_CODES = 129, 130, 143  # exit codes of a command stopped from elsewhere
 MESSAGE_PREFIX = "taichi-mps: "  # beginning of messages of the program
@@ -37,7 +34,6 @@ class Job:
     output: str = ""  # stdout, after its end
     stopping: bool = False
     process: asyncio.subprocess.Process | None = None
-    orphan: int | None = None  # process of a run that another server or a terminal began
     task: asyncio.Task | None = None
 
     @property
@@ -63,8 +59,6 @@ class Job:
         with suppress(ProcessLookupError):  # it has just ended
             if self.process and self.process.returncode is None:
                 self.process.send_signal(number)
-            elif self.orphan and self.orphan == lock.writer(self.folder.path):
-                os.kill(self.orphan, number)
 
 
 class Queue:
@@ -74,29 +68,6 @@ class Queue:
         self.folder = user_path(folder)
         self.jobs: list[Job] = []
         self.run_lock = asyncio.Lock()  # held by the job that runs
-
-    def adopt(self) -> None:
-        """Take over runs that other processes write into the folder, as after the death of a server."""
-        for path in self.folder.glob("*"):
-            if process := lock.writer(path):
-                job = Job(
-                    f"{plain(path.name)}, begun elsewhere",
-                    ["run"],
-                    path.name,
-                    state="running",
-                    folder=RunFolder(path),
-                    orphan=process,
-                )
-                job.task = asyncio.create_task(self.watch(job))
-                self.jobs.append(job)
-
-    async def watch(self, job: Job) -> None:
-        """Wait for the end of a run that was taken over."""
-        while lock.writer(job.folder.path) == job.orphan:
-            await asyncio.sleep(POLL_INTERVAL)
-        ended = read_json(job.folder.summary).get("stopped_by")
-        job.message = "it was cut off or diverged"
-        job.state = "failed" if ended in (None, "diverged") else "stopped" if ended == "interrupted" else "done"
 
     def add(self, job: Job) -> Job:
         """Append a job, which starts when its turn comes."""
@@ -108,7 +79,6 @@ class Queue:
         """Wait for the turn of a job and execute it, unless it was stopped before; a run is written into the next free
         folder of its scene."""
         async with self.run_lock:
-            await asyncio.gather(*(other.task for other in self.jobs if other.orphan))
             if job.finished:
                 return
             job.state, job.began, words = "running", time.monotonic(), job.words
@@ -136,14 +106,13 @@ class Queue:
             job.state = "done" if code == 0 else "stopped" if job.stopping or code in SIGNAL_CODES else "failed"
 
     async def close(self) -> None:
-        """Stop all jobs of this server, and wait for the end of their processes."""
-        own = [job for job in self.jobs if not job.orphan]
-        for job in own:
+        """Stop all jobs, and wait for the end of their processes."""
+        for job in self.jobs:
             job.stop()
-        if own:
-            await asyncio.wait([job.task for job in own], timeout=SHUTDOWN_TIMEOUT)
+        if self.jobs:
+            await asyncio.wait([job.task for job in self.jobs], timeout=SHUTDOWN_TIMEOUT)
 
     def kill(self) -> None:
         """Kill the processes that are left."""
-        for job in [job for job in self.jobs if not job.orphan]:
+        for job in self.jobs:
             job.send(getattr(signal, "SIGKILL", signal.SIGTERM))  # Windows has no SIGKILL

@@ -46,7 +46,7 @@ class Page:
         self.known = {test["name"]: test for test in form.tests()}
         self.runs = runs
         own = self.tests, self.forecast, self.run, self.calibrate, self.found, self.jobs, self.stop
-        of_runs = runs.list, runs.show, runs.compare, runs.draw, runs.resume, runs.rename, runs.delete, runs.restore
+        of_runs = runs.list, runs.show, runs.compare, runs.resume, runs.rename, runs.delete, runs.restore
         self.answers = {answer.__name__: answer for answer in (*own, *of_runs, runs.empty)}
 
     # ---- a mix -------------------------------------------------------------------------------------------------

@@ -171,21 +171,7 @@ class Runs:
         folders = list(map(self.named, asked.names))
         known = {text_of(folder.path.name): summary for folder in folders if (summary := summary_of(folder))}
         lines = [[text_of(cell) for cell in line] for line in beside(list(known.values()))][:MAX_LINES]
-        facts = {"head": list(known), "lines": lines, "curves": list(filter(None, map(curve, folders)))}
-        return facts | {"beside": self.both(*folders) if len(folders) == 2 else None}
-
-    def both(self, left: RunFolder, right: RunFolder) -> dict:
-        """Animation of two runs side by side, or the state of the job that draws it."""
-        words, name = drawing(left, right), f"animation-beside-{right.path.name}.gif"
-        job = next((job for job in reversed(self.queue.jobs) if job.words == words), None)
-        if (left.path / name).is_file() and not (job and not job.finished):
-            return {"film": url(left, name)}
-        return {"state": job.state if job else "", "message": job.message if job else ""}
-
-    def draw(self, asked) -> None:
-        """Draw two runs side by side."""
-        left, right = map(self.named, asked.names)
-        self.queue.add(Job(plain(f"{left.path.name} beside {right.path.name}"), drawing(left, right)))
+        return {"head": list(known), "lines": lines, "curves": list(filter(None, map(curve, folders)))}
 
     # ---- changes -----------------------------------------------------------------------------------------------
     def resume(self, asked) -> None:
@@ -234,11 +220,6 @@ class Runs:
         with lock.held(folder.path):
             pass
         os.rename(folder.path, to)
-
-
-def drawing(left: RunFolder, right: RunFolder) -> list[str]:
-    """Command line that draws two runs side by side."""
-    return ["render", str(left.path), "--beside", str(right.path), "--json"]
 
 
 def numbers(found: dict) -> dict:

@@ -34,7 +34,7 @@ REFUSED = "Only for this machine: type the address into the browser."
 STATIC = Path(__file__).with_name("static")
 MAX_REQUEST_BYTES = 100_000  # of a query
 SERVED_FILES = {"animation.gif", FILLING}  # files of a run that the page shows, besides PICTURE
-PICTURE = re.compile(rf"frames/{PICTURE_NAME.pattern}|animation-beside-[^/]+\.gif")
+PICTURE = re.compile(rf"frames/{PICTURE_NAME.pattern}")
 PAGE_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 COMMON_HEADERS = {
     "Cache-Control": "no-cache",
@@ -162,7 +162,6 @@ def serve(port: int, folder, browser: bool) -> None:
 
     @asynccontextmanager
     async def life(app):
-        queue.adopt()
         if browser:
             asyncio.get_running_loop().run_in_executor(None, webbrowser.open, address)
         yield

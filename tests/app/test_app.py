@@ -6,7 +6,6 @@ import json
 import os
 import re
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -20,7 +19,6 @@ from taichi_mps.input.labels import written
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.units import plain
 from tests.support.browser import chromium, needs_chromium, opened
-from tests.support.child import begun
 from tests.support.recorded import recorded
 from tests.support.served import serving
 
@@ -326,26 +324,6 @@ def test_an_odd_run_folder_is_a_row_that_says_so_and_the_others_stay(tmp_path):
         tab.page.locator("details.bin", has_text="Bin (1)").wait_for()
         assert (tmp_path / ".bin" / "another name" / "summary.json").is_file() and rows.count() == len(ODD) - 1
         assert tab.wrong == []
-
-
-@needs_chromium
-def test_a_run_that_outlived_its_server_is_found_and_stopped(tmp_path):
-    words = ["run", "film", "--spacing=0.02", "--until=5000", "--every=1", "--threads=1", "--quiet", "--out=run"]
-    run = begun("-m", "taichi_mps", *words, cwd=tmp_path, start_new_session=True)
-    try:
-        while not (tmp_path / "run" / "history.csv").exists():
-            assert run.poll() is None
-            time.sleep(0.05)
-        with serving(tmp_path) as (port, server), chromium() as browser:
-            tab = Tab(browser, port)
-            tab.part("source", "run, begun elsewhere").wait_for()
-            tab.part("status", "the concrete at").wait_for()
-            tab.press("stop")
-            assert run.wait(timeout=60) == 130
-            tab.part("source", "stopped by you").wait_for()
-        assert RunFolder(tmp_path / "run").read_summary()["stopped_by"] == "interrupted"
-    finally:
-        run.kill()
 
 
 FOREIGN = "http://evil.example", "null", "https://127.0.0.1"

@@ -135,16 +135,10 @@ export class Runs {
   async compare(names) {
     const facts = await ask("compare", {names});
     if (facts.wrong) return this.say(reason(facts));
-    const {beside} = facts, open = beside && ["waiting", "running"].includes(beside.state);
     this.detail.replaceChildren(
-      h("h2", {}, "Beside each other"),
+      h("h2", {}, "Comparison"),
       facts.head.length ? table(["", ...facts.head], facts.lines) : h("p", {}, "None of them has a result."),
-      facts.curves.length ? h("figure", {"data-part": "curves"}, ...chart(facts.curves)) : "",
-      beside?.film ? h("img.film", {src: beside.film, alt: "both", "data-part": "beside"}) : "",
-      beside && !beside.film ? h("p", {}, open ? "The moving picture of both is being drawn." : h("button", {type: "button", "data-action": "draw", onclick: async () => {
-        await this.change("draw", {names});
-        this.compare(names);
-      }}, "Draw both side by side"), beside.state === "failed" ? ` ${beside.message}` : "") : "");
+      facts.curves.length ? h("figure", {"data-part": "curves"}, ...chart(facts.curves)) : "");
   }
 }
 
