@@ -1,16 +1,14 @@
-"""Random scenes, options, laws, lists, meshes, units, files, signals and requests to the page: each run of the program
-must end as done, refused in one line, or a named divergence; after a signal it must stop cleanly and go on with
-``resume``; a number with a unit must be what it was made from; the server of the page must go on.
+"""Random scenes, options, laws, lists, files and signals: each run of the program must end as done, refused in one
+line, or a named divergence; after a signal it must stop cleanly and go on with ``resume``.
 
-    python -m tests.fuzz --minutes 2                                       # of all kinds, each as often as it weighs
-    python -m tests.fuzz --kind list units mesh page --minutes 30 --out benchmarks/results/fuzz.md    # 30 of each
+    python -m tests.fuzz --minutes 2                                 # of all kinds, each as often as it weighs
+    python -m tests.fuzz --kind law list --minutes 30 --seed 3       # of these
 
-Trial k of a seed is always the same, with ``--kind`` as without a kind of its own; the line of a failure ends with the
-command that repeats it and shows all that it prints. Exits with 1 on a failure.
+Trial k of a seed and its kinds is always the same; the line of a failure ends with the command that repeats it and
+shows all that it prints. Exits with 1 on a failure.
 """
 
 import argparse
-import io
 import json
 import math
 import os
@@ -23,21 +21,14 @@ import tempfile
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import redirect_stdout, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import repeat
 from pathlib import Path
-
-import meshio
-import numpy as np
 
 from taichi_mps.cli.options import choices
 from taichi_mps.input import catalogue
 from taichi_mps.units import unit_of
-from tests.fuzz.server import attack
-from tests.fuzz.units import wrong_spelling
 from tests.support.child import begun
-from tests.support.cube import box
 
 # [CPU-s] after which a run is asked to stop, and that it may take to do so; a busy machine may take BUSY times as long
 LONGEST, PATIENCE, BUSY = 60.0, 120.0, 6.0
@@ -173,50 +164,6 @@ def random_law(dice, folder, bases) -> Trial:
     return Trial("law", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
 
 
-SOLID = '''"""A block that falls on the last of some meshes that can be read."""
-from pathlib import Path
-import taichi_mps as mps
-from taichi_mps.units import Duration, Length
-
-def read(path):
-    try:
-        return mps.Solid.from_mesh(path, {cell}, {reach}, scale={scale})
-    except mps.SceneError as error:
-        assert str(path) in str(error) or "cell = " in str(error), error
-
-@mps.checked
-def scene(spacing: Length = 0.03, until: Duration = 0.01) -> mps.Scene:
-    """Block on a mesh."""
-    found = list(filter(None, map(read, sorted(Path(__file__).parent.glob("mesh*")))))
-    if not found:
-        raise mps.SceneError("no mesh can be read")
-    return mps.Scene(
-        name="block", spacing=spacing, until=until, material=mps.Bingham(),
-        fluid=mps.fill(mps.Box((-0.1, -0.1, 0.0), (0.1, 0.1, 0.15)), spacing), walls=(found[-1],),
-        domain=((-0.4, -0.4, -0.3), (0.4, 0.4, 0.4)), measure=mps.measure.front,
-    )
-'''
-
-
-def random_mesh(dice, folder, bases) -> Trial:
-    for k in range(20):
-        triangles = box((-0.3, -0.3, -0.2), (0.3, 0.3, dice.choice([0.0, 0.0, 0.05, -0.02]))).tolist()
-        if dice.random() < 0.2:
-            triangles.pop(dice.randrange(12))
-        path = folder / f"mesh{k:02}.{dice.choice(['stl', 'obj', 'ply'])}"
-        points, corners = np.unique(np.array(triangles).reshape(-1, 3), axis=0, return_inverse=True)
-        binary = {} if path.suffix == ".obj" else {"binary": dice.random() < 0.5}
-        mesh = meshio.Mesh(points, [("triangle", np.int32(corners.reshape(-1, 3)))])
-        with redirect_stdout(io.StringIO()):
-            meshio.write(path, mesh, **binary)
-        if dice.random() < 0.8:
-            path.write_bytes(damaged(path.read_bytes(), dice))
-    choices = {"cell": ["0.02", "0.03", "1e-9", "0.5"], "reach": ["0.15", "0.15", "0.01"], "scale": [1.0] * 4 + [1e-3]}
-    text = SOLID.format(**{name: dice.choice(words) for name, words in choices.items()})
-    (folder / "own.py").write_text(text)
-    return Trial("mesh", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
-
-
 def damaged(data: bytes, dice: random.Random) -> bytes:
     """A file in which a byte, a block or all that follows is noise, zeros or cut out, at up to three places."""
     for _ in range(dice.choice([1, 1, 1, 3])):
@@ -276,26 +223,13 @@ def random_list(dice, folder, bases) -> Trial:
     return Trial("list", [["calibrate", f"--table={folder}/list.csv", f"--out={folder}/out.csv"]])
 
 
-def random_units(dice, folder, bases) -> Trial:
-    wrong = next(filter(None, (wrong_spelling(dice) for _ in range(5000))), None)
-    return Trial("units", [], seen=["broken" if wrong else "done"], failure=wrong)
-
-
-def random_page(dice, folder, bases) -> Trial:
-    wrong = attack(folder, bases, dice)
-    return Trial("page", [], seen=["broken" if wrong else "done"], failure=wrong)
-
-
 KINDS = {  # how often each is drawn
     "list": (random_list, 4),
     "options": (random_options, 8),
     "law": (random_law, 4),
-    "mesh": (random_mesh, 3),
     "damaged run": (random_damage, 6),
     "signal": (random_signal, 4),
     "folder": (random_folder, 2),
-    "units": (random_units, 2),
-    "page": (random_page, 1),
 }
 
 
@@ -351,13 +285,13 @@ def judge(code, err, sent) -> tuple[str, str | None]:
     return end, None
 
 
-def try_out(number: int, seed: int, bases, kind=None, show=False) -> Trial:
-    """Trial ``number`` of a seed, done; of a kind that its number chooses by default."""
-    dice = random.Random(f"{seed}-{number}")
+def try_out(number: int, chosen, bases, show=False) -> Trial:
+    """Trial ``number`` of a seed, done; of a kind that its number chooses."""
+    dice = random.Random(f"{chosen.seed}-{number}")
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        kind = kind or dice.choices(list(KINDS), [weight for _, weight in KINDS.values()])[0]
-        trial = KINDS[kind][0](dice, folder, bases)
+        (draw,) = dice.choices(*zip(*(KINDS[kind] for kind in chosen.kind), strict=True))
+        trial = draw(dice, folder, bases)
         for k, words in enumerate(trial.commands):
             code, out, err, sent = run(words, *((trial.signal, trial.after) if k == 0 else ()))
             end, failure = judge(code, err, sent)
@@ -389,56 +323,34 @@ def base_runs(folder: Path) -> list[Path]:
 
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__.split("\n\n")[0])
-    parser.add_argument("--kind", nargs="+", choices=KINDS, default=[None], help="these one after the other, not all")
-    parser.add_argument("--minutes", type=float, default=2.0, help="wall-clock time of each kind, default 2")
+    parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS), help="these alone")
+    parser.add_argument("--minutes", type=float, default=2.0, help="wall-clock time, default 2")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="trials at once, default one a processor")
     parser.add_argument("--seed", type=int, default=1, help="default 1")
     parser.add_argument("--only", type=int, help="repeat this trial and show what it prints")
-    parser.add_argument("--out", type=Path, help="write the counts as a Markdown table")
     chosen = parser.parse_args(argv)
-    ended, failures = Counter(), []
+    ended, failures = Counter(), 0
     with tempfile.TemporaryDirectory() as place:
         bases = base_runs(Path(place))
         if chosen.only is not None:
-            trial = try_out(chosen.only, chosen.seed, bases, chosen.kind[0], show=True)
+            trial = try_out(chosen.only, chosen, bases, show=True)
             print(trial, trial.failure or "as it should", sep="\n")
             return int(trial.failure is not None)
 
-        def work(number, kind, ends):
-            return try_out(number, chosen.seed, bases, kind) if time.monotonic() < ends else None
+        ends = time.monotonic() + 60.0 * chosen.minutes
 
-        for kind in chosen.kind:
-            numbers, ends = range(math.ceil(1000 * chosen.minutes)), time.monotonic() + 60.0 * chosen.minutes
-            with ThreadPoolExecutor(chosen.workers) as pool:
-                for number, trial in enumerate(pool.map(work, numbers, repeat(kind), repeat(ends))):
-                    ended.update((trial.kind, end) for end in (trial.seen if trial else ()))
-                    if trial and trial.failure:
-                        again = f"--seed {chosen.seed} --only {number}" + f" --kind '{kind}'" * bool(kind)
-                        failures.append(f"{trial.kind}: {trial.failure} (python -m tests.fuzz {again})")
-                        print(failures[-1], flush=True)
-    text = report(chosen, ended, failures)
-    print(text)
-    if chosen.out:
-        chosen.out.write_text(text + "\n", encoding="utf-8")
-    return int(bool(failures))
+        def work(number):
+            return try_out(number, chosen, bases) if time.monotonic() < ends else None
 
-
-def report(chosen, ended: Counter, failures) -> str:
-    """The counts as a table."""
-    ends = [*dict.fromkeys(ENDS.values()), "killed", "broken", "hangs"]
-    kinds = " ".join(f"'{kind}'" if " " in kind else kind for kind in filter(None, chosen.kind))
-    command = "python -m tests.fuzz " + f"--kind {kinds} " * bool(kinds)
-    command += f"--minutes {chosen.minutes:g} --workers {chosen.workers} --seed {chosen.seed}"
-    lines = [
-        f"Made with `{command}`: {sum(ended.values())} endings, {len(failures)} failures. A trial of a mesh reads 20",
-        "files, one of units 5,000 texts, one of the page makes 300 requests and sets 60 fields.",
-        "",
-        "| trial | " + " | ".join(ends) + " |",
-        "|---|" + "---|" * len(ends),
-    ]
-    for kind in sorted({kind for kind, _ in ended}):
-        lines.append(f"| {kind} | " + " | ".join(str(ended[kind, end]) for end in ends) + " |")
-    return "\n".join(lines + [""] * bool(failures) + [f"- {failure}" for failure in failures])
+        with ThreadPoolExecutor(chosen.workers) as pool:
+            for number, trial in enumerate(pool.map(work, range(math.ceil(1000 * chosen.minutes)))):
+                ended.update(f"{trial.kind}: {end}" for end in (trial.seen if trial else ()))
+                if trial and trial.failure:
+                    failures += 1
+                    again = f"--seed {chosen.seed} --only {number} --kind " + " ".join(map(repr, chosen.kind))
+                    print(f"{trial.kind}: {trial.failure} (python -m tests.fuzz {again})", flush=True)
+    print(*(f"{count:6} {end}" for end, count in sorted(ended.items())), f"{failures:6} failures", sep="\n")
+    return int(failures > 0)
 
 
 if __name__ == "__main__":
