@@ -34,14 +34,16 @@ def shown(path):
     return Trajectory(path).origin(), [np.asarray(array).astype(float).tobytes() for row in arrays for array in row]
 
 
-def damages(path, read, places):
-    """How many flips of a bit at these places are noticed and named; each other one must leave what is read alike."""
+def damages(path, read, places, noise=0):
+    """How many flips of a bit at these places, or so many bytes of noise from there, are noticed and named; each other
+    one must leave what is read alike."""
     whole, right, noticed = path.read_bytes(), read(path), 0
     dice = random.Random(1)
     try:
         for place in places:
             flipped = bytearray(whole)
             flipped[place] ^= 1 << dice.randrange(8)
+            flipped[place : place + noise] = dice.randbytes(noise)
             path.write_bytes(flipped)
             try:
                 assert read(path) == right, f"byte {place} of {path.name} is shown as a result"
@@ -69,6 +71,7 @@ def stored_places(path):
     return places
 
 
+@pytest.mark.parametrize("noise", [0, 64])
 @pytest.mark.parametrize(
     ("name", "places", "least"),
     [
@@ -78,9 +81,10 @@ def stored_places(path):
         ("summary.json", lambda path: range(path.stat().st_size), 0.8),  # some are blanks
     ],
 )
-def test_every_stored_value_is_guarded(folder, name, places, least):
+def test_every_stored_value_is_guarded(folder, name, places, least, noise):
     path = folder.path / name
-    assert damages(path, shown, places(path)) >= least * len(places(path))
+    chosen = list(places(path))[:: 9 if noise else 1]
+    assert damages(path, shown, chosen, noise) >= least * len(chosen)
 
 
 @pytest.mark.parametrize("name", ["history.csv", "run.h5", "summary.json"])

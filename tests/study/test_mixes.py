@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import taichi_mps as mps
 from taichi_mps.cli.main import main
@@ -236,6 +238,28 @@ def test_what_is_no_list_is_refused_in_one_line(tmp_path, text, said):
     with pytest.raises(mps.SceneError, match=said) as error:
         read_list(written(tmp_path, text))
     assert "\n" not in str(error.value)
+
+
+CELLS = st.sampled_from(["20", "20,5", "45 cm", "nan", "inf", "-1", "1e300", "1e-300", "abc", "", "1,5", '"', "#", "é"])
+HEAD = st.sampled_from(["slump [cm]", "slump", "spread [mm]", "T500", "density", "mix", "Setzmaß", "slump [K]", ""])
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.lists(HEAD, min_size=1, max_size=4),
+    st.lists(st.lists(CELLS, min_size=1, max_size=4), min_size=1, max_size=3),
+    st.sampled_from(",;\t"),
+    st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "cp1252"]),
+    st.binary(max_size=4),
+)
+def test_any_list_is_refused_in_one_line_or_gives_every_row_a_verdict(tmp_path_factory, head, rows, sign, code, noise):
+    data = "\n".join(sign.join(cells) for cells in (head, *rows)).encode(code) + noise
+    try:
+        found = calibrate_list(read_list(written(tmp_path_factory.mktemp("any"), data)))
+    except mps.SceneError as error:
+        assert "\n" not in str(error)
+    else:
+        assert found and all(row["verdict"] for row in found)
 
 
 def test_a_number_in_a_column_without_a_name_is_refused_but_for_the_first(tmp_path):
