@@ -63,9 +63,10 @@ def room(name):
 
 
 @pytest.mark.parametrize("name", [name for name in PLAIN if name not in LOOSE - {"units"}])
-def test_a_room_imports_only_from_rooms_before_it(name):
+def test_a_room_imports_only_from_rooms_before_it_and_a_term_no_other(name):
     for other in imports(name, MODULES[name]):
         assert LAYERS.index(room(other)) <= LAYERS.index(room(name)), f"{name} imports {other}"
+        assert not room(name) == room(other) == "engine.terms" or other in SHARED_TERMS, f"{name} imports {other}"
 
 
 def test_the_engine_has_one_border():
@@ -108,13 +109,6 @@ def test_rooms_say_what_lives_there_and_what_to_read_first():
         first = re.search(r"Read (\w+\.py) first", text)
         there = first and PACKAGE.joinpath(*name.split("."), first[1]).is_file()
         assert len(text) > 100 and there, f"{name}/__init__.py"
-
-
-def test_terms_do_not_import_each_other():
-    for name in PLAIN:
-        if room(name) == "engine.terms":
-            others = {other for other in imports(name, MODULES[name]) if room(other) == "engine.terms"}
-            assert others <= SHARED_TERMS, f"{name} imports {others - SHARED_TERMS}"
 
 
 def test_the_package_imports_nothing_that_a_wheel_lacks():

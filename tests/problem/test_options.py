@@ -131,6 +131,7 @@ def test_a_scene_of_ones_own_has_plain_keywords(tmp_path):
     ("scene", "given", "message"),
     [
         ("vane", {"body": "cylinder", "blades": 8}, "blades = 8: must be left out, or body = vane"),
+        ("dam_break", {"lift_speed": 1.0}, "lift_speed = 1 m/s: must be left out, or model = half"),
         ("dam_break", {"depth": "5cm"}, "depth = 0.05 m: must be left out, or model = half"),
         (
             "wall",
