@@ -42,8 +42,6 @@ def test_a_rational_rate_is_a_number_once_the_time_is_known():
     assert mix.knee_stress == mix.yield_value and not mix.rests
     assert mix.within(5.0).critical_strain_rate == pytest.approx(0.002, rel=1e-12)
     assert mps.Bingham().within(5.0) == mps.Bingham()
-    scene = mps.Scene("x", mix, 0.1, [[0.5, 0.5]], ((0.0, 0.0), (1.0, 1.0)), until=100.0)
-    assert scene.material.critical_strain_rate == pytest.approx(1e-4, rel=1e-12)
 
 
 @pytest.mark.parametrize(
