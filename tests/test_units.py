@@ -85,6 +85,10 @@ def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count =
         ),
         (lambda: sample(spacing="1,000"), ["spacing = 1,000 m: is 1.000 or 1000; must be written without a comma"]),
         (lambda: sample(spacing="-12,345 mm"), ["spacing = -12,345 mm: is 12.345 or 12345; must be written without"]),
+        (
+            lambda: catalogue.build("film", yield_value=0.0, critical_strain_rate="rational"),
+            ["yield_value = 0 Pa: a fluid without yield stress has no critical strain rate"],
+        ),
         (lambda: mps.rest_shapes.spread_at_rest(5.5e-3, 2300.0, 0.0), ["yield_value = 0.0 Pa: must be greater"]),
         (lambda: mps.Plane((0, 0), (0, 1), velocity=((1.0,), (2.0,))), ["velocity = ", " rows of a time"]),
         (

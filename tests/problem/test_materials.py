@@ -19,6 +19,7 @@ CURVE = mps.FlowCurve(shear_stress=curve)
     [
         (mps.Bingham(), True, False, True),
         (mps.Bingham(critical_strain_rate=0.01), True, False, False),
+        (mps.Bingham(yield_value=0.0, friction_angle=30.0), True, False, True),
         (mps.Newtonian(), False, True, False),
         (mps.HerschelBulkley(), True, False, True),
         (mps.HerschelBulkley(yield_value=0.0), False, False, False),
