@@ -24,8 +24,8 @@ ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
 EQUATIONS = (DOCS / "equations.md").read_text(encoding="utf-8")
 LAYERS = tomlkit.parse((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["taichi-mps"]["layers"]
 EXAMPLES = {"terms/drag.py", "schemes/ballistic.py"}  # files that architecture.md shows how to add
-MAX_WORDS = 1500  # of architecture.md: an afternoon, not a book
-BUDGETS = {"a user reads": 16_000, "theory and architecture": 9_000, "notes": 4_000}  # words, without generated tables
+# words, without generated tables; the architecture is an afternoon, not a book
+BUDGETS = {"a user reads": 16_000, "theory and architecture": 9_000, "architecture": 1_248, "notes": 4_000}
 MAX_OF_A_VERSION = 600  # words of the changelog
 WITHOUT_INFLUENCE = {
     "DOUBTFUL_VOLUME_ERROR",
@@ -266,6 +266,7 @@ def test_the_words_of_the_pages_keep_their_budget(kind):
     theory = [*(DOCS / "theory").glob("*.md"), DOCS / "architecture.md"]
     by_command = [*(DOCS / "api").glob("*.md"), DOCS / "equations.md"]
     pages = {"theory and architecture": theory, "notes": (DOCS / "notes").glob("*.md")}
+    pages["architecture"] = [DOCS / "architecture.md"]
     pages["a user reads"] = set(PAGES) - {*theory, *by_command}
     words = {page.name: len(written(page)) for page in sorted(pages[kind])}
     assert sum(words.values()) <= BUDGETS[kind], f"of {BUDGETS[kind]} words: {words}"
@@ -392,10 +393,6 @@ def test_the_stops_of_a_number_exist():
     assert 3 <= len(stops) <= 9
     for number, path, name, _ in stops:
         assert name in names(ROOT / path), f"stop {number}: {name} is not in {path}"
-
-
-def test_architecture_is_short():
-    assert len(ARCHITECTURE.split()) <= MAX_WORDS
 
 
 # ---- equations ------------------------------------------------------------------------------------------------------

@@ -25,11 +25,10 @@ LOOSE = {"__init__", "__main__", "spelling", "units"}  # all else lives in a roo
 SHARED_TERMS = {"engine.terms.rheology", "engine.terms.constants"}
 
 
-def module_name(path):
-    return ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
-
-
-MODULES = {module_name(p): ast.parse(p.read_text(encoding="utf-8")) for p in sorted(PACKAGE.rglob("*.py"))}
+MODULES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
 PLAIN = [name for name in MODULES if not name.endswith(("__init__", "__main__")) and not name.startswith("scenes.")]
 
 
@@ -63,9 +62,10 @@ def room(name):
 
 
 @pytest.mark.parametrize("name", [name for name in PLAIN if name not in LOOSE - {"units"}])
-def test_a_room_imports_only_from_rooms_before_it(name):
+def test_a_room_imports_only_from_rooms_before_it_and_a_term_no_other(name):
     for other in imports(name, MODULES[name]):
         assert LAYERS.index(room(other)) <= LAYERS.index(room(name)), f"{name} imports {other}"
+        assert not room(name) == room(other) == "engine.terms" or other in SHARED_TERMS, f"{name} imports {other}"
 
 
 def test_the_engine_has_one_border():
@@ -110,21 +110,6 @@ def test_rooms_say_what_lives_there_and_what_to_read_first():
         assert len(text) > 100 and there, f"{name}/__init__.py"
 
 
-def test_terms_do_not_import_each_other():
-    for name in PLAIN:
-        if room(name) == "engine.terms":
-            others = {other for other in imports(name, MODULES[name]) if room(other) == "engine.terms"}
-            assert others <= SHARED_TERMS, f"{name} imports {others - SHARED_TERMS}"
-
-
-def test_the_package_imports_nothing_that_a_wheel_lacks():
-    """The package runs without validation/, benchmarks/ and tests/ of a checkout."""
-    for name, tree in MODULES.items():
-        found = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and not node.level]
-        found += [each.name for node in ast.walk(tree) if isinstance(node, ast.Import) for each in node.names]
-        assert not {"validation", "benchmarks", "tests"} & {each.split(".")[0] for each in found}, name
-
-
 def test_no_import_circles():
     graph = {name: imports(name, MODULES[name]) for name in PLAIN}
     assert list(TopologicalSorter(graph).static_order())  # CycleError names the circle
@@ -140,12 +125,14 @@ def test_the_package_itself_reads_nothing_at_its_import():
 
 
 @pytest.mark.parametrize("name", [*MODULES, *(f"../scenes/{p.name}" for p in sorted((ROOT / "scenes").glob("*.py")))])
-def test_only_the_room_runtime_imports_taichi(name):
+def test_only_the_room_runtime_imports_taichi_and_none_what_a_wheel_lacks(name):
+    """The package runs without validation/, benchmarks/ and tests/ of a checkout."""
     tree = MODULES[name] if name in MODULES else ast.parse((PACKAGE / name).read_text(encoding="utf-8"))
     names = [a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names]
     names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and not node.level]
-    uses_taichi = any(item.split(".")[0] in ("taichi", "quadrants") for item in names)
-    assert not uses_taichi or room(name) == "engine.runtime"
+    found = {item.split(".")[0] for item in names}
+    assert not found & {"taichi", "quadrants"} or room(name) == "engine.runtime"
+    assert not found & {"validation", "benchmarks", "tests"}
 
 
 def test_nothing_in_the_package_runs_data():

@@ -9,6 +9,8 @@ import signal
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import taichi_mps as mps
 from taichi_mps.app.resident import RESTARTED, Resident
@@ -348,14 +350,35 @@ OUTSIDE = (
     f"{'a' * 300}/summary.json",
     "run/%00",
 )
+PARTS = st.sampled_from(
+    ["", "..", ".", "%2e%2e", "..%2f", "%00", "%ff", "\\", "a" * 3000, "~", "*", "{}", "?", ";", "%C3%A9", "run"]
+    + ["secret.json", "checkpoint.h5", "summary.json", "report.html", "frames/frame_00000.png", "history.csv"]
+)
+ASKED = st.sampled_from(
+    ["found", "stop", "list", "show", "compare", "draw", "resume", "rename", "delete", "restore", "calibrate", "jobs"]
+)
+BODIES = st.sampled_from([b"[", b"[" * 5000, b"\xff", b"{}" * 3, b"1e999", b'{"job":1' + b"0" * 5000 + b"}"])
+TEXTS = st.sampled_from(["-1", "nan", "1e400", "\x00", "\u202e", "../run", "<b>x</b>", "", "9" * 5000])
+VALUES = TEXTS | st.sampled_from([None, True, -1, 1e300, [], [1, 2], {}, {"slump": 1}, float("nan")])
+KEYS = {"test": VALUES, "to": VALUES, "job": VALUES, "check": VALUES, "more": VALUES, "names": st.lists(PARTS) | VALUES}
+FIELDS = st.sampled_from(["yield_value", "spacing", "model", "slump", "spread", "scheme", "out", "threads", ""])
+KEYS["values"] = st.dictionaries(FIELDS, TEXTS, min_size=1) | VALUES
+QUESTIONS = BODIES | st.fixed_dictionaries({}, optional=KEYS).map(json.dumps)
+ODD_HEADERS = {
+    "Range": "bytes=-1|bytes=9-1|bytes=0-0,1-1,2-2|" + "b" * 999 + "|bytes=" + "0-1," * 500,
+    "Cookie": "session=" + "A" * 4000 + "|a=b; a=c|\x01",
+    "X-Forwarded-Prefix": '/evil|"><script>',
+    "If-Modified-Since": "yesterday|0",
+}
+HEADERS = st.sampled_from([{}, *({name: text} for name, them in ODD_HEADERS.items() for text in them.split("|"))])
 
 
 def test_only_this_machine_and_its_own_page_are_served(tmp_path):
     run = tmp_path / "run"
     (run / "frames").mkdir(parents=True)
     for name in ("summary.json", "checkpoint.h5", "taichi_mps.json", "report.html", "frames/frame_00000.png"):
-        (run / name).write_text(json.dumps({"made_by": "taichi_mps"}))
-    (tmp_path / "secret.json").write_text("{}")
+        (run / name).write_text(json.dumps({"made_by": "somebody" if name == "checkpoint.h5" else "taichi_mps"}))
+    (tmp_path / "secret.json").write_text("somebody")
     (run / "history.csv").symlink_to(tmp_path / "secret.json")
     with serving(tmp_path) as (port, server):
         own, others = (
@@ -396,6 +419,23 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
         listening = Path(f"/proc/{server.pid}/net/tcp").read_text() + Path(f"/proc/{server.pid}/net/tcp6").read_text()
         assert re.findall(rf"\b(\w+):{port:04X} 0+:0000 0A", listening) == ["0100007F"]  # 127.0.0.1 alone
         assert mps.main(["app", "--no-browser", "--port", str(port)]) == 2  # taken
+
+        @settings(max_examples=50, deadline=None)
+        @given(
+            st.sampled_from(["runs", "runs/run", "report", "static"]), st.lists(PARTS, min_size=1, max_size=3), HEADERS
+        )
+        def discloses_nothing_of_others(place, parts, headers):
+            got = answer(port, "/".join(["", place, *parts]), **headers)
+            assert got.status < 500 and b"somebody" not in got.read()
+
+        @settings(max_examples=50, deadline=None)
+        @given(ASKED, QUESTIONS)
+        def answers_any_question(what, body):
+            got = answer(port, f"/ask/{what}", body, **JSON)
+            assert got.status in (200, 404, 413) and b"somebody" not in got.read()
+
+        discloses_nothing_of_others()
+        answers_any_question()
 
 
 def test_its_end_is_silent_about_a_preview_under_way(tmp_path):

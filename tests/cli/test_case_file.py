@@ -109,15 +109,17 @@ def test_new_prints_a_case(tmp_path, capsys):
     assert planned("run", [str(path)])[2].scene.parameters["rate"] == 0.01
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
-def test_a_case_may_be_written_by_powershell_or_notepad(tmp_path, encoding):
-    (tmp_path / "case.toml").write_text('scene = "slump"\r\n[mix]\r\nyield_value = 60.0\r\n', encoding=encoding)
-    assert planned("run", [str(tmp_path / "case.toml")])[2].scene.parameters["yield_value"] == 60.0
-
-
-def test_a_key_may_have_the_name_of_its_option(tmp_path):
-    (tmp_path / "case.toml").write_text('scene = "slump"\n[mix]\nyield_stress = "0.1 kPa"\n', encoding="utf-8")
-    assert planned("run", [str(tmp_path / "case.toml")])[2].scene.material.yield_value == 100.0
+@pytest.mark.parametrize(
+    ("encoding", "line"),
+    [
+        ("utf-16", "yield_value = 60.0"),
+        ("utf-8-sig", "yield_value = 60.0"),
+        ("utf-8", 'yield_stress = "0.06 kPa"'),  # the name of its option
+    ],
+)
+def test_a_case_may_be_written_by_powershell_or_notepad_and_with_names_of_options(tmp_path, encoding, line):
+    (tmp_path / "case.toml").write_text(f'scene = "slump"\r\n[mix]\r\n{line}\r\n', encoding=encoding)
+    assert planned("run", [str(tmp_path / "case.toml")])[2].scene.material.yield_value == 60.0
 
 
 @pytest.mark.parametrize(

@@ -272,6 +272,7 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ("run slump --density", "argument --density: expected one argument"),
         ("run slump --out file/run", "out = file/run: cannot be written"),
         ("run slump --out file", "out = file: is a file"),
+        ("run slump --out " + 300 * "a", "aaa: cannot be written"),
         ("run slump again", "unexpected argument 'again'"),
         ("run", "run: name a scene"),
         ("sweep ", "sweep: name a scene"),

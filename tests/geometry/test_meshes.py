@@ -185,13 +185,6 @@ def bars(overlap):
     return np.vstack([*along, *(box((p - 6, -100, low), (p + 6, 100, high)) for p in (-50, 0, 50))])
 
 
-def test_a_bar_that_the_grid_does_not_see_is_refused(tmp_path):
-    path = stl(tmp_path / "bars.stl", np.vstack([box((0, 0, 0), (50, 50, 50)), box((61, 21, 1), (64, 24, 99))]))
-    with pytest.raises(mps.SceneError, match=r"bars.stl, .* cell = 0.005 m: no node .* the body of 0.003 x"):
-        mps.Solid.from_mesh(path, 0.005, 0.03, scale=1e-3)
-    assert (mps.Solid.from_mesh(path, 0.0015, 0.03, scale=1e-3).values < 0.0).any()
-
-
 @pytest.mark.parametrize("overlap", [0.1, 0.5, 2.0, 12.0])
 def test_crossing_bars_are_one_solid_however_little_they_overlap(tmp_path, overlap):
     path = stl(tmp_path / "net.stl", bars(overlap))

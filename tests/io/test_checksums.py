@@ -1,4 +1,4 @@
-"""A flipped bit in run.h5 is reported, or changes nothing that is read; a damaged history is refused."""
+"""A flipped bit in run.h5 or summary.json is reported, or changes nothing that is read; a damaged history is refused."""
 
 import random
 
@@ -10,6 +10,7 @@ import taichi_mps as mps
 from taichi_mps.engine.problem.measures import SCALARS
 from taichi_mps.input import catalogue
 from taichi_mps.io.history import read_history
+from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from tests.support.recorded import recorded
 
@@ -23,25 +24,29 @@ def folder(tmp_path_factory):
 
 
 def shown(path):
-    """All that a run.h5 shows: its origin and the arrays of its outputs, as bytes."""
+    """All that a file shows: of a run.h5 its origin and the arrays of its outputs, as bytes."""
+    if path.name == "summary.json":
+        return repr(RunFolder(path.parent).read_summary())
     states = [output.state for output in Trajectory(path).replay(scene=SCENE)]
     arrays = [(s.time, s.spacing, s.wall_x, *(getattr(s, name) for name in ("x", "u", *SCALARS))) for s in states]
     return Trajectory(path).origin(), [np.asarray(array).astype(float).tobytes() for row in arrays for array in row]
 
 
-def damages(path, read, places):
-    """How many flips of a bit at these places are noticed and named; each other one must leave what is read alike."""
+def damages(path, read, places, noise=0):
+    """How many flips of a bit at these places, or so many bytes of noise from there, are noticed and named; each other
+    one must leave what is read alike."""
     whole, right, noticed = path.read_bytes(), read(path), 0
     dice = random.Random(1)
     try:
         for place in places:
             flipped = bytearray(whole)
             flipped[place] ^= 1 << dice.randrange(8)
+            flipped[place : place + noise] = dice.randbytes(noise)
             path.write_bytes(flipped)
             try:
                 assert read(path) == right, f"byte {place} of {path.name} is shown as a result"
             except mps.SceneError as error:
-                assert "run.h5" in str(error), error
+                assert "run.h5" in str(error) or "summary" in str(error), error
                 noticed += 1
     finally:
         path.write_bytes(whole)
@@ -64,16 +69,19 @@ def stored_places(path):
     return places
 
 
+@pytest.mark.parametrize("noise", [0, 64])
 @pytest.mark.parametrize(
-    ("places", "least"),
+    ("name", "places", "least"),
     [
-        (stored_places, 1.0),
-        (lambda path: random.Random(3).sample(range(path.stat().st_size), 75), 1 / 75),  # others show nothing
+        ("run.h5", stored_places, 1.0),
+        ("run.h5", lambda path: random.Random(3).sample(range(path.stat().st_size), 75), 1 / 75),  # others show nothing
+        ("summary.json", lambda path: range(path.stat().st_size), 0.8),  # some are blanks
     ],
 )
-def test_every_stored_value_is_guarded(folder, places, least):
-    path = folder.trajectory
-    assert damages(path, shown, places(path)) >= least * len(places(path))
+def test_every_stored_value_is_guarded(folder, name, places, least, noise):
+    path = folder.path / name
+    chosen = list(places(path))[:: 9 if noise else 1]
+    assert damages(path, shown, chosen, noise) >= least * len(chosen)
 
 
 def test_a_history_with_another_number_of_cells_is_refused(tmp_path, folder):

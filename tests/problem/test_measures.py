@@ -107,14 +107,6 @@ def test_the_front_is_that_of_the_body_and_not_of_a_drop_or_of_one_particle(low)
     assert measure.front(measure.still(x[:1], spacing))["front_m"] == pytest.approx(x[0, 0] + 0.5 * spacing, abs=1e-12)
 
 
-def test_where_nothing_has_been_poured_a_reach_is_refused_by_name():
-    """A snapshot without particles has no front and no clearance; a message says so."""
-    nothing = measure.still(np.zeros((0, 2)), 0.01)
-    for call in (measure.front, lambda s: measure.clearance(s, [mps.Plane((0.0, 0.0), (0.0, 1.0))])):
-        with pytest.raises(mps.SceneError, match="no particles; must have one or more"):
-            call(nothing)
-
-
 @pytest.mark.parametrize("spacing", [0.02, 0.01, 0.005])
 def test_filled_solids_hold_their_volume(spacing):
     box, cone = mps.Box((0.0, 0.0), (0.3, 0.1)), mps.Cone(0.1, 0.05, 0.3)

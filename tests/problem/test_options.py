@@ -103,10 +103,6 @@ def test_a_rational_critical_strain_rate_is_that_for_the_time_of_the_scene(name)
     scene = catalogue.build(name, **mix, critical_strain_rate="rational", until=4.0)
     assert scene.material.critical_strain_rate == pytest.approx(0.0025, rel=1e-12)
     assert scene.parameters["critical_strain_rate"] == "rational"
-    with pytest.raises(
-        mps.SceneError, match="^yield_value = 0 Pa: a fluid without yield stress has no critical strain rate"
-    ):
-        catalogue.build(name, yield_value=0.0, critical_strain_rate="rational")
 
 
 def test_a_scene_of_ones_own_has_plain_keywords(tmp_path):
@@ -123,14 +119,13 @@ def test_a_scene_of_ones_own_has_plain_keywords(tmp_path):
     scene = catalogue.build(str(path), yield_value="250")
     assert scene.material == mps.Bingham(yield_value=250.0)
     assert scene.parameters == {"yield_value": 250.0, "density": 2300.0, "spacing": 0.1}
-    with pytest.raises(mps.SceneError, match="^density = 2.3 kg/m3: must be greater than or equal to 200 kg/m3"):
-        catalogue.build(str(path), density=2.3)
 
 
 @pytest.mark.parametrize(
     ("scene", "given", "message"),
     [
         ("vane", {"body": "cylinder", "blades": 8}, "blades = 8: must be left out, or body = vane"),
+        ("dam_break", {"lift_speed": 1.0}, "lift_speed = 1 m/s: must be left out, or model = half"),
         ("dam_break", {"depth": "5cm"}, "depth = 0.05 m: must be left out, or model = half"),
         (
             "wall",

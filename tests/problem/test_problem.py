@@ -65,19 +65,6 @@ def test_what_cannot_be_computed_is_refused(changes, numerics, message):
         Problem(scene, numerics)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((None,), "scene = None: must be a Scene"),
-        ((mps.Scene(**parts()), "implicit"), "numerics = implicit: must be Implicit"),
-        ((mps.Scene(**parts()), mps.Implicit), "numerics = .*: must be Implicit"),
-    ],
-)
-def test_a_problem_is_a_scene_and_numerics(arguments, message):
-    with pytest.raises(mps.SceneError, match=f"^{message}"):
-        Problem(*arguments)
-
-
 # ---- what follows from a problem -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("material", "law", "rests"),

@@ -13,7 +13,6 @@ from tests.support.scenes import hose, parts
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
 ROUGH = replace(FLOOR, friction=mps.Friction(yield_value=10.0))
 MIRROR = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
-SLANTED = mps.Plane((-1.0, 0.0), (0.6, 0.8), mirror=True)
 SIDE = mps.Plane((0.0,) * 3, (1.0, 0.0, 0.0), mirror=True)
 TURNED = mps.Plane((-1.0, 0.0, 0.0), (0.6, 0.8, 0.0), mirror=True)
 LIGHT = mps.Bingham(density=1.0)  # of a flow in numbers without dimension

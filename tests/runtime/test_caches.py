@@ -7,6 +7,7 @@ import pytest
 from tests.support.child import child
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="HOME is not what Taichi asks for there")
+COMPILES = "import taichi_mps as mps; mps.init(); mps.runtime.backend.ti.field(float, 3).fill(1.0)"
 SHORT = ["--spacing=0.02", "--until=0.002", "--quiet"]
 
 
@@ -28,16 +29,14 @@ def at(home, folder, *words, cache=None, caches=None):
     ],
 )
 def test_a_process_compiles_and_leaves_nothing_behind(home, cache, caches, unwritable, tmp_path):
-    code = "import taichi_mps as mps; mps.init(); mps.runtime.backend.ti.field(float, 3).fill(1.0)"
     one_line = [f"taichi-mps: {unwritable} cannot be written, so compiled kernels are not kept for the next run"]
-    assert at(home, tmp_path, "-c", code, cache=cache, caches=caches) == (0, one_line if unwritable else [])
+    assert at(home, tmp_path, "-c", COMPILES, cache=cache, caches=caches) == (0, one_line if unwritable else [])
     assert not list(tmp_path.iterdir()), "the temporary folder is still there"
 
 
 def test_compiled_kernels_lie_where_they_are_looked_for(tmp_path):
     """Where the kernels are is where Taichi puts them: a forecast looks there for whether a run is the first."""
-    code = "import taichi_mps as mps; mps.init(); mps.runtime.backend.ti.field(float, 3).fill(1.0)"
-    assert at(os.environ["HOME"], tmp_path, "-c", code, caches=str(tmp_path / "caches"))[0] == 0
+    assert at(os.environ["HOME"], tmp_path, "-c", COMPILES, caches=str(tmp_path / "caches"))[0] == 0
     told = "from taichi_mps.engine.runtime import caches, workarounds; "
     told += "assert any(caches.kernels(workarounds.LANGUAGE).glob('*/*'))"
     assert at(os.environ["HOME"], tmp_path, "-c", told, caches=str(tmp_path / "caches"))[0] == 0

@@ -259,8 +259,6 @@ def test_a_cake_at_rest():
     r = (np.arange(20000) + 0.5) * radius / 20000
     height = np.sqrt(2 * 40.0 * (radius - r) / (2300.0 * 9.81))
     assert (2 * math.pi * r * height).sum() * radius / 20000 == pytest.approx(5.5e-3, rel=1e-4)
-    with pytest.raises(mps.SceneError, match="yield_value = 0.0 Pa: must be greater"):
-        rest_shapes.spread_at_rest(5.5e-3, 2300.0, 0.0)
 
 
 def test_distance_from_a_polygon():

@@ -77,9 +77,13 @@ def mouth(**keywords):
             lambda: catalogue.build("printing", model="path", layer_height=0.012),
             "layer_height = 0.012 m: must be a whole number of spacings",
         ),
+        (
+            lambda: catalogue.build("printing", mortar="uf-9", yield_value=500.0),
+            "mortar = uf-9: must be given without other numbers of the mix",
+        ),
     ],
 )
-def test_a_path_or_a_height_that_is_none_is_refused(make, message):
+def test_a_path_a_height_or_a_mix_that_is_none_is_refused(make, message):
     with pytest.raises(mps.SceneError, match=message):
         make()
 
@@ -115,8 +119,6 @@ def test_a_nozzle_that_goes_to_and_fro_lays_even_layers():
 def test_a_measured_mortar_has_its_own_numbers():
     scene = catalogue.build("printing", mortar="uf-9", density=2100.0)
     assert scene.material == mps.Bingham(yield_value=786.0, plastic_viscosity=36.9, density=2100.0)
-    with pytest.raises(mps.SceneError, match="mortar = uf-9: must be given without other numbers of the mix"):
-        catalogue.build("printing", mortar="uf-9", yield_value=500.0)
 
 
 def test_there_is_room_for_as_many_layers_as_the_default_has():

@@ -24,10 +24,6 @@ def scene(wall, height):
     )
 
 
-def simulation(*of):
-    return mps.Simulation(scene(*of), mps.Implicit(walls="particles", max_time_step=0.01))
-
-
 @pytest.mark.parametrize(
     ("wall", "height", "steps"),
     [(0.65, 20.0, [0]), pytest.param(0.6875, 2.2, range(1, STEPS), marks=pytest.mark.slow)],
@@ -35,7 +31,7 @@ def simulation(*of):
 )
 def test_a_list_that_is_too_short_is_made_longer_and_the_step_is_taken_again(wall, height, steps):
     """Sixteen steps, in one of which the list was enlarged, have the bits of a run with a list that is long enough."""
-    sim = simulation(wall, height)
+    sim = mps.Simulation(scene(wall, height), mps.Implicit(walls="particles", max_time_step=0.01))
     start, room = sim.state(), [sim.neighbors.pair_capacity]
     for _ in range(STEPS):
         sim.step()

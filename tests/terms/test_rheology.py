@@ -88,11 +88,6 @@ def test_shear_rate(gradient, rate):
     assert rate_of(ti.Matrix(np.array(gradient).tolist())) == pytest.approx(rate, rel=1e-12, abs=1e-12)
 
 
-def apparent_viscosity(rate, eta, tau_y, pi_c):
-    """The law of bi_viscosity [Pa s], of numbers or arrays."""
-    return eta + tau_y / np.maximum(rate, 2.0 * pi_c)
-
-
 def test_bi_viscosity_law_is_continuous_at_the_knee_and_has_two_branches():
     """Pi = 2 D:D, Pi_c = (2 pi_c)^2 (eq 3): mu = eta + tau_y/sqrt(Pi) above Pi_c (eqs 1, 5), eta + tau_y/sqrt(Pi_c)
     below (eqs 2, 9); the stress is mu sqrt(Pi)."""
@@ -114,7 +109,7 @@ def film_errors(wall_stress, eta, tau_y, pi_c, depth=0.1):
     stress = np.linspace(0.0, wall_stress, 20001)
     rate = np.concatenate([[0.0], np.geomspace(1e-6 * pi_c, 2.0 * pi_c + wall_stress / eta, 20000), [2.0 * pi_c]])
     rate = np.sort(rate)
-    law = apparent_viscosity(rate, eta, tau_y, pi_c) * rate
+    law = (eta + tau_y / np.maximum(rate, 2.0 * pi_c)) * rate  # that of bi_viscosity [Pa]
     excess = np.interp(stress, law, rate) - np.maximum(0.0, stress - tau_y) / eta
     below = stress * depth / wall_stress  # depth below the surface [m]: what flows faster above a sheared layer
     return trapezoid(excess, below), trapezoid(excess * below, below)

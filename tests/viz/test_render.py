@@ -170,11 +170,6 @@ def test_a_two_dimensional_scene_is_drawn_in_its_plane_between_its_walls():
     assert renderer.draw(snapshot(scene), {"front_m": 0.2, "height_m": 0.4}).shape == (180, 320, 3)
 
 
-def test_wrong_names_are_refused(body):
-    with pytest.raises(mps.SceneError, match="view = colour: must be 'concrete', 'speed'"):
-        render.Renderer(body, view="colour")
-
-
 def test_png_numbers_its_pictures_and_gif_reads_them(body, tmp_path):
     sim = SimpleNamespace(scene=body)
     frames, speed = render.png(tmp_path / "frames", **SIZE), render.png(tmp_path / "frames", view="speed", **SIZE)
