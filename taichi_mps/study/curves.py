@@ -37,36 +37,34 @@ class Curve:
     values: np.ndarray  # SI units, (n,); (1,) without times
 
 
-def unit_by_name(measure: str) -> str:
-    """Return the SI unit of a measure, by the end of its name."""
+def stem_and_unit(measure: str) -> tuple[str, str]:
+    """Return the name of a measure without its end, and the SI unit by this end."""
     end = next(end for end in UNITS if measure.endswith(end))
-    return {"_m_s": "m/s", "_ratio": ""}.get(end, end[1:].replace("_per_", "/").replace("_", " "))
+    unit = {"_m_s": "m/s", "_ratio": ""}.get(end, end[1:].replace("_per_", "/").replace("_", " "))
+    return measure.removesuffix(end), unit
 
 
 def column_meanings(keywords: dict, measures) -> tuple[dict[str, str], dict[str, str]]:
     """Return the names that a column may have, {key_of(name): time, keyword or measure}, and the unit of each, SI."""
-    words, units = {key_of(word): "time" for word in TIME_COLUMNS.split()}, {"time": "s"}
-    for name, each in keywords.items():
-        words |= {key_of(word): name for word in (name, OPTIONS.get(name, name))}
-        units[name] = unit_of(each).strip("-")
+    spellings = {"time": TIME_COLUMNS.split()} | {name: [name, OPTIONS.get(name, name)] for name in keywords}
+    units = {"time": "s"} | {name: unit_of(field).strip("-") for name, field in keywords.items()}
     for name in measures:
-        stem = name.removesuffix(next(end for end in UNITS if name.endswith(end)))
-        words |= {key_of(word): name for word in (name, stem, title(name), *COLUMN_NAMES.get(stem, "").split())}
-        units[name] = unit_by_name(name)
-    return words | ({"": DIAMETER} if DIAMETER in measures else {}), units
+        stem, units[name] = stem_and_unit(name)
+        spellings[name] = [name, stem, title(name), *COLUMN_NAMES.get(stem, "").split(), *[""] * (name == DIAMETER)]
+    return {key_of(word): name for name, words in spellings.items() for word in words}, units
 
 
-def read_curves(path, keywords: dict, measures) -> list[Curve]:
+def read_curves(path, keywords: dict, measures, given=()) -> list[Curve]:
     """Read the curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds
-    several curves or end values, the scene's ``keywords`` {name: pydantic field}; a warning names the others.
-    SceneError for any other file."""
+    several curves or end values, the scene's ``keywords`` {name: pydantic field} that are not ``given`` besides; a
+    warning names the others. SceneError for any other file."""
     path = user_path(path)
     rows, where = read_list(path, "curve"), f"curve = {path}: "
     words, units = column_meanings(keywords, measures)
     contents = {column: match_column(column, words, units.get) for column in rows[0] if column}
     found = [field for field, _ in contents.values() if field]
-    duplicate = next((field for field in found if found.count(field) > 1), "")
-    require(not duplicate, f"{where}two columns are {duplicate}; must be one")
+    twice = next((field for field in found if [*found, *given].count(field) > 1), "")
+    require(not twice, f"{where}{twice} is a column of it; must be there once, and not be given as an option, too")
     allowed, others = ", ".join(measures), ", ".join(f"'{name}'" for name, (field, _) in contents.items() if not field)
     require(
         set(measures) & set(found),
@@ -74,28 +72,28 @@ def read_curves(path, keywords: dict, measures) -> list[Curve]:
     )
     if others:
         warnings.warn(f"{where}not used: {others}", stacklevel=2)
-    runs: dict[tuple, list] = {}
+    tests: dict[tuple, list[dict]] = {}  # points by number of the run, where there are no times, and keywords
     for number, row in enumerate(rows, 1):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
-        values = {field: parse_cell(row[column], unit, units[field], f"{where}row {number}, {column}")
-                for column, (field, unit) in contents.items() if field not in (None, *keywords)}  # fmt: skip
         settings = {field: f"{row[column]} {unit * without_unit(row[column])}".strip()
                     for column, (field, unit) in contents.items() if field in keywords}  # fmt: skip
-        key = (*settings.items(), *([number] if "time" not in found else []))
-        runs.setdefault(key, []).append((settings, values))
+        point = {field: parse_cell(row[column], unit, units[field], f"{where}row {number}, {column}")
+                 for column, (field, unit) in contents.items() if field not in (None, *keywords)}  # fmt: skip
+        tests.setdefault((number * ("time" not in found), *settings.items()), []).append(point)
     curves = []
-    for points in runs.values():
-        settings, first = points[0]
-        columns = {field: np.array([values[field] for _, values in points]) for field in first}
-        times, name = columns.pop("time", np.zeros(0)), ", ".join([path.name, *map(" ".join, settings.items())])
-        falls = next((f"{a} s comes {b} s" for a, b in zip(times[:-1], times[1:], strict=True) if not b >= a), "")
-        require(not falls, f"curve = {name}: times fall: after {falls}")
-        require(np.all(times >= 0.0), f"curve = {name}: a time is missing or before 0 s; must be 0 s or more")
-        test, present = Test(name, settings, times), {measure: np.isfinite(each) for measure, each in columns.items()}
+    for (_, *settings), points in tests.items():
+        columns = {field: np.array([point[field] for point in points]) for field in points[0]}
+        name, times = ", ".join([path.name, *map(" ".join, settings)]), columns.pop("time", np.zeros(0))
+        for a, b in zip([0.0, *times[:-1]], times, strict=False):
+            require(
+                b >= a, f"curve = {name}: times fall: after {a} s comes {b} s; must be 0 s or more, and none missing"
+            )
+        test = Test(name, dict(settings), times)
+        known = {measure: np.isfinite(values) for measure, values in columns.items()}
         curves += [
-            Curve(test, measure, times[present[measure]] if len(times) else times, each[present[measure]])
-            for measure, each in columns.items()
-            if present[measure].any()
+            Curve(test, measure, times[known[measure][: len(times)]], values[known[measure]])
+            for measure, values in columns.items()
+            if known[measure].any()
         ]
     return curves
 
@@ -115,8 +113,7 @@ def measures_of(scene) -> list[str]:
         return list(found or RESULTS)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a history of two rows
-        history = {"time_s": [0.0, 1.0]} | {name: [value, value] for name, value in found.items()}
-        return [*found, *scene.over_time({name: np.array(values) for name, values in history.items()})]
+        return [*found, *scene.over_time({"time_s": np.arange(2.0)} | {k: np.full(2, v) for k, v in found.items()})]
 
 
 # ---- result of a fit --------------------------------------------------------------------------------------------
@@ -128,21 +125,10 @@ class CurveFit(FittedConstants):
     material: Material  # with the constants found
     offsets: dict[str, tuple[float, float]]  # time of the scene at the zero of a curve, half of its 95 % interval [s]
     spread: np.ndarray  # covariance of the logarithms of the constants, times the square of a 95 % quantile
+    missed: dict[str, float]  # root mean square of model - measured over the largest measured value, by measure [-]
     curves: list[dict]  # name, settings, measure, times [s], measured and model, SI units
     runs: int
     cpu_seconds: float
-
-    @property
-    def missed(self) -> dict[str, float]:
-        """Root mean square of model - measured over the largest measured value, by measure [-]."""
-        found = {}
-        for name in {each["measure"]: None for each in self.curves}:
-            model, measured = (
-                np.concatenate([each[of] for each in self.curves if each["measure"] == name])
-                for of in ("model", "measured")
-            )
-            found[name] = float(np.sqrt(np.nanmean((model - measured) ** 2)) / (np.nanmax(np.abs(measured)) or 1.0))
-        return found
 
     def flow_curve(self, rates=SHEAR_RATES) -> tuple[np.ndarray, np.ndarray]:
         """Return shear stresses [Pa] at shear rates [1/s], and the factors of their 95 % intervals."""
@@ -158,24 +144,32 @@ class CurveFit(FittedConstants):
         errors = dict(zip(self.constants, map(percent, np.sqrt(np.diag(self.spread))), strict=True))
         known = [f"{in_words(name)} to {errors[name]}" for name, it in self.constants.items() if it.determined]
         others = [in_words(name) for name, it in self.constants.items() if not it.determined]
-        sentences = [f"The curves determine the {' and the '.join(known)}."] * bool(known)
-        sentences += [f"They do not determine the {' and the '.join(others)}."] * bool(others)
+        text = f"The curves determine the {' and the '.join(known)}. " * bool(known)
+        text += f"They do not determine the {' and the '.join(others)}. " * bool(others)
         rate, stress, factor = min(zip(SHEAR_RATES, *self.flow_curve(), strict=True), key=lambda point: point[2])
         best = f"{rate:.2g} 1/s, {rounded(stress)} Pa, to {percent(np.log(factor))}"
-        return " ".join([*sentences, f"The shear stress is known best at {best}."])
+        return f"{text}The shear stress is known best at {best}."
 
     def facts(self) -> dict:
         """Return all results, JSON-ready."""
         flow = zip(("shear_rate_1_s", "shear_stress_Pa", "factor"), (SHEAR_RATES, *self.flow_curve()), strict=True)
-        facts = {"material": self.material.facts(), "missed": self.missed, "spread": self.spread.tolist()}
-        return super().facts() | facts | {"flow_curve": {name: values.tolist() for name, values in flow}}
+        return super().facts() | {
+            "material": self.material.facts(),
+            "spread": self.spread.tolist(),
+            "flow_curve": {name: values.tolist() for name, values in flow},
+        }
 
     def __str__(self):
-        lines, offsets = self.constant_lines(), self.offsets.items()
-        lines += [f"{'time offset':18} {1e3 * at:+.0f} +- {1e3 * by:.0f} ms: {name}" for name, (at, by) in offsets]
-        lines += [f"{title(name):18} missed by {by:.2%} (root mean square)" for name, by in self.missed.items()]
-        lines += [f"{name} determines {self.determines(name)}" for name in self.worth]
-        return "\n".join([*lines, self.determined(), f"{self.runs} runs, {self.cpu_seconds:.0f} s of processor time"])
+        offsets = [f"{1e3 * at:+.0f} +- {1e3 * by:.0f} ms: {name}" for name, (at, by) in self.offsets.items()]
+        lines = [
+            *self.constant_lines(),
+            *(f"{'time offset':18} {offset}" for offset in offsets),
+            *(f"{title(name):18} missed by {by:.2%} (root mean square)" for name, by in self.missed.items()),
+            *(f"{name} determines {self.determines(name)}" for name in self.worth),
+            self.determined(),
+            f"{self.runs} runs, {self.cpu_seconds:.0f} s of processor time",
+        ]
+        return "\n".join(lines)
 
 
 def percent(logarithm: float) -> str:
