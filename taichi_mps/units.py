@@ -259,7 +259,6 @@ DENSITY_HINT = "2300 for 2.3 t/m3"
 
 # powers of a smaller length would underflow
 Size = Annotated[real("m", gt=0.0, le=1e9), AfterValidator(partial(at_least, 1e-12, "m"))]
-Coordinate = real("m", ge=-1e9, le=1e9)
 Time = real("s", ge=0.0, le=1e9)
 Instant = real("s", ge=-1e9, le=1e9)
 Length = real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0)
@@ -269,19 +268,13 @@ Density = real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
 AnyDensity = real("kg/m3", gt=0.0, le=30000.0)  # also 1, of a flow without weight in numbers without dimension
 Viscosity = real("Pa s", gt=0.0, le=1e6)
 YieldValue = real("Pa", ge=0.0, le=1e6)
-ViscousConstant = real("Pa s/m", ge=0.0, le=1e9)
 Speed = real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate that is lifted
-Consistency = real("Pa s^n", gt=0.0, le=1e6)
-FlowIndex = real("", ge=0.1, le=4.0)
-Structuration = real("Pa/s", "0.1 to 1.7 of concrete", ge=0.0, le=1e3)
-Destructuration = real("", ge=0.0, le=10.0)
 FlowRate = real("m3/s", gt=0.0, le=100.0)
 CriticalStrainRate = real("1/s", gt=0.0, le=1e4) | Literal["rational"]  # the word: materials.rational_...
 
 RotationSpeed = real("rpm", "turns a minute", gt=0.0, le=1e4)
 Angle = real("deg", ge=0.0, lt=90.0)
 Ratio = real("-", gt=0.0, le=1.0)
-Tolerance = real("-", ge=0.0, le=1.0)
 RadiusRatio = real("l0", ge=1.6, le=4.1)
 Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_number_in_disguise)]
 Flag = Annotated[bool, BeforeValidator(truth)]

@@ -78,11 +78,6 @@ def written_at(folder: RunFolder) -> int:
     return next((path.stat().st_mtime_ns for path in paths if path.exists()), 0)
 
 
-def size_of(folder: RunFolder) -> int:
-    """Size of the files of a run in bytes, without following links."""
-    return sum((Path(place) / name).lstat().st_size for place, _, names in os.walk(folder.path) for name in names)
-
-
 def row(folder: RunFolder) -> dict:
     """Row of the list for a run."""
     facts = {
@@ -96,7 +91,8 @@ def row(folder: RunFolder) -> dict:
     }
     try:
         summary, picture = summary_of(folder), newest_picture(folder)
-        facts |= {"size": size_of(folder), "runs": bool(lock.writer(folder.path))}
+        files = (Path(place) / name for place, _, names in os.walk(folder.path) for name in names)
+        facts |= {"size": sum(file.lstat().st_size for file in files), "runs": bool(lock.writer(folder.path))}
         facts["resumable"] = folder.resumable and not facts["runs"] and summary.get("stopped_by") in RESUMABLE_ENDS
         if picture:
             facts["picture"] = url(folder, str(picture.relative_to(folder.path)))

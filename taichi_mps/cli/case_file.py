@@ -12,6 +12,14 @@ from .options import GONE, GROUPS, Run, group_of, is_tuple, suggested
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # keywords by the names of options
 SECTIONS = [group.split()[0] for group in GROUPS]
 NOT_IN_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # options that a case file does not hold
+# keys and values that earlier versions wrote
+WITHOUT_MEANING = (
+    ("renderer", "software"),
+    ("source", "mixed"),
+    ("gradient", "smallest"),
+    ("plots", False),
+    ("plots", True),
+)
 MAX_BYTES = 1e5  # of a case file, which takes a second to read; a case has some 5e3
 TITLE = "A case of taichi-mps: taichi-mps run case.toml. A number may have a unit of its own, in quotes: '0.5 kPa'."
 
@@ -101,9 +109,7 @@ def command_words(path: Path) -> list[str]:
         if duplicates := sorted(given.keys() & keys.keys()):
             raise SceneError(f"case = {path}: {duplicates[0]} is given twice")
         given |= keys
-    if given.get("renderer") == "software":
-        del given["renderer"]  # the default of version 0.2
-    given.pop("plots", None)  # a switch of earlier versions
+    given = {key: value for key, value in given.items() if (key, value) not in WITHOUT_MEANING}
     known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
     options, words = [], {}
     for word, value in given.items():
@@ -117,18 +123,14 @@ def command_words(path: Path) -> list[str]:
             f"case = {path}: {name} = {str(value).lower()}: must be {'true or false' if switch else 'no switch'}",
         )
         require(
-            isinstance(value, str | int | float) or is_list(value, known[name][1]),
+            isinstance(value, str | int | float)
+            or (is_tuple(known[name][1]) and isinstance(value, list) and "," not in "".join(map(str, value))),
             f"case = {path}: {name} = {value}: must be a number or a text",
         )
         # a switch that is off has no option, and a number of the mix at its default must not choose a law
         if value != known[name][1].default or not (isinstance(value, bool) or name in NUMBERS):
             options.append(option(name, value, known))
     return [source, *options]
-
-
-def is_list(value, field) -> bool:
-    """Whether a value is a list, without commas in its texts, for a field of several values."""
-    return is_tuple(field) and isinstance(value, list) and not any("," in str(item) for item in value)
 
 
 def expand_case_file(argv) -> list[str]:

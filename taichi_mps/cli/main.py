@@ -52,6 +52,7 @@ WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme tha
 RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
 KEPT_OPTIONS = ["scheme", "precision", "out", "overwrite"]  # options of a run that resume cannot change
+USED_PACKAGES = "taichi", "quadrants", "numpy", "h5py", "pydantic", "matplotlib"  # whose versions info tells
 STILL_USED = "until", "quiet", "verbose"  # options of resume where nothing is left to compute
 
 
@@ -257,19 +258,16 @@ def info(arguments) -> int:
             if not arguments.json:
                 print_result(facts, folder, verbose=True)
                 return DONE
-        return tell(arguments, facts, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
-    packages = ("taichi", "numpy", "h5py", "pydantic", "matplotlib")
-    found = {name: metadata.version(name) if find_spec(name) else None for name in packages}
-    facts = {
-        "version": __version__,
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "cpus": os.cpu_count(),
-        "scenes": str(catalogue.folder()),
-    }
-    text = "taichi_mps {version} on Python {python}, {platform}, {cpus} processor cores.\nIts scenes lie in {scenes}.\n"
-    uses = ", ".join(f"{name} {version or '(not installed)'}" for name, version in found.items())
-    return tell(arguments, facts | found, f"{text.format(**facts)}It uses {uses}.")
+    else:
+        facts = {
+            "version": __version__,
+            "python": platform.python_version(),
+            "platform": platform.platform(),
+            "cpus": os.cpu_count(),
+            "scenes": str(catalogue.folder()),
+            **{name: metadata.version(name) for name in USED_PACKAGES if find_spec(name)},
+        }
+    return tell(arguments, facts, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
 
 
 def prepare_streams() -> None:

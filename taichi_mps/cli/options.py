@@ -57,6 +57,7 @@ GONE = {  # options of earlier versions by their keyword, and what there is inst
     "renderer": "pictures are drawn in software; 'beads' shows the particles",
     "surface": "it is what is drawn; must be left out",
     **dict.fromkeys(("source", "gradient"), "the scheme semi-implicit has two forms, its own and --literal"),
+    "pressure": "a mix that fills presses as a liquid; 'run wall --measure-pressure' tells it",
 }
 
 SCHEMES = Literal["implicit", "semi-implicit"]

@@ -1,7 +1,6 @@
 """Execution of a run for the command line: forecast, start of Taichi, run, record, stop on request, report; and drawing
 of finished runs."""
 
-import io
 import json
 import math
 import os
@@ -9,7 +8,7 @@ import signal
 import sys
 import time
 import warnings
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import chain
@@ -34,17 +33,15 @@ IMPORTED = time.process_time()  # [s] that the import of the command line took, 
 
 
 def start_taichi(options) -> None:
-    """Start Taichi without its header, which would spoil --json."""
+    """Start Taichi."""
     from ..engine import init
 
-    with redirect_stdout(io.StringIO()):
-        init(options.arch, getattr(options, "precision", "f32"), options.threads)
+    init(options.arch, getattr(options, "precision", "f32"), options.threads)
 
 
 def make_clock(problem, options):
     """Make the clock of a run, which started with the program."""
-    with redirect_stdout(io.StringIO()):  # the greeting of Taichi would spoil --json
-        from ..forecast.clock import Clock
+    from ..forecast.clock import Clock
 
     every = options.every or problem.usual_interval
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()

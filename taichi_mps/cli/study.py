@@ -25,7 +25,7 @@ from ..study.require import Wanted, require_bingham, runs_to_expect
 from ..study.require import require as find_borders
 from ..study.sweep import ACCURACY, CHOOSES, LOST, cases, sweep, wall_time
 from ..study.tables import measures
-from ..units import Checked, Only, SceneError, Speed, plain, quote, require, user_path
+from ..units import Checked, Only, SceneError, plain, quote, require, user_path
 from . import case_file
 from .options import DONE, JSON, Workers, command, given, parse_scene, read_back, tell
 
@@ -68,9 +68,6 @@ class Lookup(Checked):
         None, description="a study of one of the tests to look the answer up in; the package's own by default"
     )
     check: bool = Field(True, description="compute the cones once more, finer; without it in a second")
-    lift_speed: Speed | None = Field(
-        None, description="speed at which the mould of the slump cone was lifted; by two runs more of the cone"
-    )
     table: str | None = Field(
         None, description="a laboratory's list, CSV: one mix a line, columns as slump [cm], slump flow [cm]"
     )
@@ -258,7 +255,7 @@ def calibrate(arguments) -> int:
     measurements, options = given(arguments, Measurements), Lookup(**given(arguments, Lookup))
     if options.table:
         return calibrate_table(arguments, options, measurements)
-    result = one_mix.calibrate(**measurements, study=options.study, check=options.check, lift_speed=options.lift_speed)
+    result = one_mix.calibrate(**measurements, study=options.study, check=options.check)
     return tell(arguments, result.facts(), result)
 
 
@@ -307,9 +304,6 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     is_text = len(results) == 2 and out.suffix.lower() in ("", ".csv", ".txt")  # not xlsx
     writable = is_text and out.parent.is_dir() and os.access(out.parent, os.W_OK)
     require(writable, f"out = {out}: must be a CSV file in a folder that is there and can be written")
-    require(
-        not options.lift_speed, f"lift_speed = {options.lift_speed} m/s: is for one mix; must be left out of --table"
-    )
     require(not measurements, f"{next(iter(measurements), '')}: stands in the table's own columns; must be left out")
     for there in sorted(filter(Path.exists, results)):
         raise SceneError(f"out = {out}: {there.name} is there already; must be a new file, nothing is overwritten")

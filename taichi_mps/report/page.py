@@ -90,9 +90,9 @@ def page_texts(run, film: dict) -> dict[str, str]:
     summary, later = run.summary, "<p>Said when the run has ended.</p>"
     repeat = repeat_command(run) if run.ended else f"resume {shlex.quote(str(run.path))}"
     numerics = run.ended and table(sentences.numerics(summary)) + f"<p>{safe(sentences.cost(summary))}</p>"
-    measured = sentences.measured(summary)
+    measured, name = sentences.measured(summary), catalogue.describe().get(run.source, "").partition(":")[0]
     return {
-        "title": safe(summary.get("title") or default_title(run.source, str(summary["scene"]))),
+        "title": safe(summary.get("title") or name or in_words(str(summary["scene"]))),
         "meta": safe(", ".join([*dates(run), *map(mix_in_words, (summary.get("materials") or [])[:1])])),
         "note": f'<p class="remark">{safe(summary["note"])}</p>' if summary.get("note") else "",
         "lead": safe(f"{measured[:-1]}; {sentences.ending(summary, mixes=False)}" if run.ended else measured),
@@ -114,11 +114,6 @@ def repeat_command(run) -> str:
         default = Problem(run.scene, NUMERICS[run.summary["scheme"]]()).usual_interval
         every = None if abs(every / default - 1.0) < 1e-9 else every
     return inputs.command(run.source, run.summary, every)
-
-
-def default_title(source: str, scene: str) -> str:
-    """Title of a report: the name of a built-in test from the first line of its file, else the name of the scene."""
-    return catalogue.describe().get(source, "").partition(":")[0] or in_words(scene)
 
 
 def dates(run) -> list[str]:

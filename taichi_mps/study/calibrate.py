@@ -18,7 +18,6 @@ from ..units import (
     Only,
     Place,
     SceneError,
-    Speed,
     Viscosity,
     YieldValue,
     checked,
@@ -33,7 +32,6 @@ from .fit import fit
 REFINED_TESTS = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
 CONE_RESULTS = "slump_m", "spread_m"  # without which no mix with internal friction is sought
 OTHER_VISCOSITIES = 20.0, 200.0  # [Pa s], tried for a mix with internal friction whose viscosity was not measured
-LIFT_RUN = {"model": "axisymmetric", "spacing": 0.01}  # settings of the runs with and without a lifted mould
 EXTRAPOLATION = 0.1  # of the logarithm of the plastic viscosity beyond its table; there its end is used
 MAX_SPREAD = 10.0  # largest spread of a cone over its height
 FIELD_OF_RESULT = {  # field of Measurements, by the name of the result in emulator.RESULT_COLUMNS
@@ -135,9 +133,7 @@ def emulators_of(measured: dict, study=None) -> dict[str, Emulator]:
 
 
 @checked
-def calibrate(
-    test: Measurements, study: Place | None = None, check: Flag = True, lift_speed: Speed | None = None
-) -> Calibration:
+def calibrate(test: Measurements, study: Place | None = None, check: Flag = True) -> Calibration:
     """Find yield stress and plastic viscosity of a mix from what was measured of it.
 
     Parameters
@@ -150,9 +146,6 @@ def calibrate(
     check : bool, optional
         Whether the cones are computed once more at half the spacing with the constants found, and corrected by the
         difference.
-    lift_speed : float, optional
-        Speed [m/s] at which the mould of the slump cone was lifted; the constants are corrected by what that changes,
-        by two runs in rings with them.
 
     Returns
     -------
@@ -180,11 +173,9 @@ def calibrate(
     emulators = emulators_of(measured, study)
     check_measurements(test, emulators)
     tables = list(emulators.values())
-    require(lift_speed is None or "slump" in emulators, "lift_speed: needs slump, slump_flow or t500 of the slump cone")
     found = fit(tables, measured, test.rho, known=known)
-    finer, lifted = refinement(emulators, found) if check else {}, lift_effect(found, lift_speed) if lift_speed else {}
-    if finer or lifted:
-        found = replace(fit(tables, measured, test.rho, (finer, lifted), known), finer=finer, lifted=lifted)
+    if check and (finer := refinement(emulators, found)):
+        found = replace(fit(tables, measured, test.rho, finer, known), finer=finer)
     if study is None and not (found.fits and found.within_tolerance):
         found = replace(found, friction=frictional_mix(measured, test.rho, known))
     return found if found.fits else add_separate_fits(emulators, found, known)
@@ -196,7 +187,7 @@ def add_separate_fits(emulators: dict[str, Emulator], found: Calibration, known:
     A length at rest gives the yield stress, a time the plastic viscosity. The other constant is the one found, or the
     default plastic viscosity where it is not determined: the best fit of a contradiction lies anywhere in the table.
     """
-    others, corrections = found.values, (found.finer, found.lifted)
+    others = found.values
     if not found.plastic_viscosity.determined and "plastic_viscosity" not in known:
         others["plastic_viscosity"] = Bingham().plastic_viscosity
     alone = {name: {RHEOMETER: (known[name],) * 3} if name in known else {} for name in BINGHAM}
@@ -204,39 +195,23 @@ def add_separate_fits(emulators: dict[str, Emulator], found: Calibration, known:
         constant, other = reversed(BINGHAM) if is_time(name) else BINGHAM
         emulator = next(emulators[scene] for scene in emulators if name in RESULT_COLUMNS[scene])
         with suppress(SceneError):  # no T500 at all with that yield stress
-            it = fit([emulator], {name: pair}, found.density, corrections, {other: others[other]}).constants[constant]
+            it = fit([emulator], {name: pair}, found.density, found.finer, {other: others[other]}).constants[constant]
             alone[constant][name] = it.value, it.lower, it.upper
     return replace(found, alone={it: fits for it, fits in alone.items() if fits.keys() - {RHEOMETER}}, others=others)
 
 
-def run_test(scene: str, description: str, **settings) -> dict:
-    """Run a test and return its results, nan where one was not measured; ``description`` names it in an error."""
-    row = run(case(scene, **settings))
-    require(row["status"] == "done", f"the {description} failed: {row['reason']}")
-    return {name: np.array(row.get(column), float) for name, column in RESULT_COLUMNS[scene].items()}
-
-
-def changes(before: dict, after: dict) -> dict[str, float]:
-    """Return the change of each result that both hold: differences of lengths [m], ratios of times."""
-    changed = {name: after[name] / value if is_time(name) else after[name] - value for name, value in before.items()}
-    return {name: float(change) for name, change in changed.items() if np.isfinite(change)}
-
-
-def refinement(emulators: dict[str, Emulator], found: Calibration) -> dict:
+def refinement(emulators: dict[str, Emulator], found: Calibration) -> dict[str, float]:
     """Return the change from the emulators to finer runs with the constants found: lengths [m], ratios of times."""
     ratios, effect = np.log(np.array(list(found.values.values())) / found.density), {}
     for scene in (scene for scene in REFINED_TESTS if scene in emulators):
         emulator = emulators[scene]
-        settings = emulator.settings | found.keywords | {"spacing": 0.5 * emulator.spacing}
-        effect |= changes(emulator.at(*ratios), run_test(scene, "finer run", **settings))
+        row = run(case(scene, **emulator.settings | found.keywords | {"spacing": 0.5 * emulator.spacing}))
+        require(row["status"] == "done", f"the finer run failed: {row['reason']}")
+        for name, before in emulator.at(*ratios).items():
+            after = np.array(row.get(RESULT_COLUMNS[scene][name]), float)  # nan where it was not measured
+            change = float(after / before if is_time(name) else after - before)
+            effect |= {name: change} if np.isfinite(change) else {}
     return effect
-
-
-def lift_effect(found: Calibration, speed: float) -> dict:
-    """Return the change of the results by lifting the mould at a speed [m/s]: lengths [m], ratios of times."""
-    settings = found.keywords | LIFT_RUN
-    both = [settings, settings | {"lift_speed": speed}]
-    return changes(*(run_test("slump", "run with the mould lifted", **keywords) for keywords in both))
 
 
 def frictional_mix(measured: dict, density: float, known: dict) -> FrictionalMix | None:

@@ -242,7 +242,6 @@ class Calibration(Mix):
     others: dict[str, float] = field(default_factory=dict)
     finer: dict[str, float] = field(default_factory=dict)  # finer run beside the table: differences, ratios of times
     friction: FrictionalMix | None = None  # by slump, slump flow and T500, where it was sought
-    lifted: dict[str, float] = field(default_factory=dict)  # lifted mould beside one gone at once, as ``finer``
 
     @property
     def explained_by_friction(self) -> bool:
@@ -308,12 +307,12 @@ class Calibration(Mix):
         if pairs and not self.plastic_viscosity.determined:
             lines.append(f"  yield stress by plastic viscosity: {', '.join(pairs)} Pa s")
         lines += self.measurement_lines()
-        for what, corrections in (("the finer run     ", self.finer), ("the lifted mould  ", self.lifted)):
-            differences = ", ".join(
-                f"{NAMES[name]} " + (f"{100.0 * (by - 1.0):+.1f} %" if is_time(name) else f"{1e3 * by:+.1f} mm")
-                for name, by in corrections.items()
-            )
-            lines += [f"{what} {differences} beside the table; the constants are corrected by it"] * bool(corrections)
+        differences = ", ".join(
+            f"{NAMES[name]} " + (f"{100.0 * (by - 1.0):+.1f} %" if is_time(name) else f"{1e3 * by:+.1f} mm")
+            for name, by in self.finer.items()
+        )
+        if self.finer:
+            lines.append(f"the finer run      {differences} beside the table; the constants are corrected by it")
         ends = ", ".join(f"{in_words(name)} {self.constants[name].table_range()}" for name in self.at_the_edge)
         edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
         lines = [edge] * bool(ends) + lines

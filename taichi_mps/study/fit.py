@@ -44,13 +44,12 @@ class Tables:
     """Measurements of one mix beside the emulators of their tests, whose scatter at the best mix is in the errors.
 
     emulators: over the same constants; measured: {name: (value, standard error)}, lengths [m] and times [s]; known:
-    {constant: value}, not fitted; each of ``corrections`` is added to lengths of the emulators and multiplies times. A
-    mix is given by the logarithms of its constants over their ``scales``, within ``bounds``, which are equal for a
-    known constant.
+    {constant: value}, not fitted; finer: what is added to lengths of the emulators and multiplies times. A mix is given
+    by the logarithms of its constants over their ``scales``, within ``bounds``, which are equal for a known constant.
     """
 
-    def __init__(self, emulators: list[Emulator], measured: dict, density: float, corrections, known: dict):
-        self.emulators, self.measured, self.corrections = emulators, measured, corrections
+    def __init__(self, emulators: list[Emulator], measured: dict, density: float, finer: dict, known: dict):
+        self.emulators, self.measured, self.finer = emulators, measured, finer
         low, high = np.max([each.low for each in emulators], 0), np.min([each.high for each in emulators], 0)
         names = " and ".join(each.scene for each in emulators)
         require(np.all(low < high), f"table: those of {names} have no mix in common; must be studies that overlap")
@@ -75,7 +74,7 @@ class Tables:
     def model(self, axes) -> dict[str, np.ndarray]:
         """Return the corrected results of the mixes of a grid."""
         found = {name: value for each in self.emulators for name, value in each.at(*axes, grid=True).items()}
-        for name, correction in (pair for each in self.corrections for pair in each.items()):
+        for name, correction in self.finer.items():
             found[name] = found[name] * correction if is_time(name) else found[name] + correction
         return found
 
@@ -139,15 +138,14 @@ def pairs_of(tables: Tables, least: float) -> dict[float, float]:
 
 
 def fit(
-    emulators: list[Emulator], measured: dict, density: float, corrections=(), known=None
+    emulators: list[Emulator], measured: dict, density: float, finer=None, known=None
 ) -> Calibration | FrictionalMix:
     """Fit constants that are not ``known``, {name: value}, to ``measured``, {name: (value, standard error)}, SI units.
 
-    The result is a FrictionalMix where the emulators have a friction angle, else a Calibration. ``corrections``: see
-    Tables.
+    The result is a FrictionalMix where the emulators have a friction angle, else a Calibration. finer: see Tables.
     """
     known = known or {}
-    tables = Tables(emulators, measured, density, corrections, known)
+    tables = Tables(emulators, measured, density, finer or {}, known)
     *_, (_, final, at) = grids = list(tables.search())
     axes, chi2, _ = grids[INTERVALS]
     are_bingham, least = emulators[0].constants == BINGHAM, float(final.min())

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..input import catalogue
-from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, real, unit_of
+from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, unit_of
 from ..units import require as check
 from .case import case
 from .case import run as run_case
@@ -22,15 +22,13 @@ from .sweep import carry_out, cases
 
 MAX_ROUNDS = 30
 FILLED = "filled_ratio"
-PRESSURE_PREFIX = "pressure_at_"  # of the measures of a pressure on the form
 
 
 class Wanted(Checked):
-    """Requirement of a form: the share of it that is filled within a time, and the largest pressure on it."""
+    """Requirement of a form: the share of it that is filled within a time."""
 
     filled: Ratio = Field(0.99, description="share of the form that must be filled")
     time: Duration = Field(60.0, description="time in which it must be")
-    pressure: real("Pa", gt=0.0) | None = Field(None, description="largest pressure on the form, if it is bounded")
     softest: YieldValue = Field(10.0, gt=0.0, description="smallest yield stress that is looked at")
     stiffest: YieldValue = Field(1000.0, gt=0.0, description="largest yield stress that is looked at")
     plastic_viscosity: Text = Field("10,30,100", description="plastic viscosities, as of sweep [Pa s]")
@@ -52,8 +50,6 @@ class Border:
     fills_up_to: float | None
     empty_from: float | None
     missing: float | None = None  # share of the form that ``empty_from`` leaves empty; nan if its run failed
-    pressure: float | None = None  # [Pa] on the form by ``fills_up_to``, where it is bounded
-    allowed: float | None = None  # bound of it [Pa]
     density: float = DENSITY  # [kg/m3]
 
     @property
@@ -73,10 +69,6 @@ class Border:
         head = f"plastic viscosity {self.plastic_viscosity:g} Pa s: "
         if self.fills_up_to is None:
             return f"{head}no mix does{self.shortfall(f'{self.empty_from:g} Pa')}"
-        if self.pressure is not None and self.pressure > self.allowed:
-            presses = f"{1e-3 * self.pressure:.3g} kPa, over {1e-3 * self.allowed:.3g}"
-            mix = f"up to {self.fills_up_to:.3g} Pa fill it"
-            return f"{head}no mix does: {mix}, which press with {presses}, softer ones more"
         order, softer = self.slumps_m
         text = f"{head}fills up to {self.fills_up_to:.3g} Pa"
         if order:
@@ -96,13 +88,6 @@ class Border:
 def fills(row: dict, wanted: Wanted) -> bool:
     """Whether a run is done and fills the form as wanted."""
     return row["status"] == "done" and row[FILLED] >= wanted.filled
-
-
-def pressure_of(row: dict) -> float:
-    """Return the largest pressure [Pa] on the form at the end of a run."""
-    found = [value for name, value in row.items() if name.startswith(PRESSURE_PREFIX)]
-    check(found, f"pressure: scene {row['scene']} measures none, {PRESSURE_PREFIX}...; must be one that does, as wall")
-    return max(found)
 
 
 def bracket(mixes: dict, eta: float, low: float, high: float) -> tuple[float | None, float | None]:
@@ -154,8 +139,7 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
     folder ``out`` and not computed again."""
     low, high = wanted.softest, wanted.stiffest
     keywords = catalogue.load(scene).parameters.model_fields
-    defaults = {"fill_ratio": 1.0} | ({"measure_pressure": True} if wanted.pressure is not None else {})
-    defaults = {name: value for name, value in defaults.items() if name in keywords}
+    defaults = {"fill_ratio": 1.0} if "fill_ratio" in keywords else {}
     parameters = defaults | parameters | {"until": wanted.time}
     form = catalogue.build(scene, **parameters)
     check(form.cavity is not None, f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
@@ -164,9 +148,6 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
         ratio >= wanted.filled,
         f"filled = {wanted.filled:g}: of the form only fill_ratio = {ratio:g} is poured; must be at most that",
     )
-    if wanted.pressure is not None:
-        measured = form.parameters.get("measure_pressure") is not False
-        check(measured, f"pressure = {wanted.pressure:g} Pa: measure_pressure = False; must be True, or left out")
     require_bingham(form, parameters)
     of_viscosities = cases(scene, plastic_viscosity=wanted.plastic_viscosity)
     viscosities = sorted(each.parameters["plastic_viscosity"] for each in of_viscosities)
@@ -175,10 +156,6 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
         mixes = {mix: fills(row, wanted) for mix, row in zip(planned, rows, strict=True)}
         new = next_mixes(mixes, viscosities, low, high, wanted.within)
         brackets = {eta: bracket(mixes, eta, low, high) for eta in viscosities}
-        if not new and wanted.pressure is not None:  # the stiffest mix that fills is run itself, for its pressure
-            new = [
-                (full, eta) for eta, (full, _) in brackets.items() if full is not None and (full, eta) not in planned
-            ]
         if not new:
             break
         for tau_y, eta in new:
@@ -186,9 +163,5 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
         rows = carry_out(list(planned.values()), out, run, executor, workers, watch)
     by_mix, density = dict(zip(planned, rows, strict=True)), rows[0].get("density") or DENSITY
     missing = {mix: 1.0 - row.get(FILLED, math.nan) for mix, row in by_mix.items()}
-    stiffest = {eta: full for eta, (full, _) in brackets.items() if wanted.pressure is not None and full is not None}
-    pressures = {eta: (pressure_of(by_mix[full, eta]), wanted.pressure) for eta, full in stiffest.items()}
-    return [
-        Border(eta, full, empty, missing.get((empty, eta)), *pressures.get(eta, (None, None)), density)
-        for eta, (full, empty) in brackets.items()
-    ], rows
+    borders = [Border(eta, full, empty, missing.get((empty, eta)), density) for eta, (full, empty) in brackets.items()]
+    return borders, rows

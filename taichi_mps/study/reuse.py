@@ -5,9 +5,7 @@ from fields (``from_fields`` of the law says which), so another mix of the same 
 """
 
 import hashlib
-import io
 import json
-from contextlib import redirect_stdout
 from dataclasses import fields, is_dataclass
 
 import numpy as np
@@ -31,8 +29,7 @@ def begin(scene: Scene, compiles=None, most: int = MAX_KEPT) -> Simulation:
         require_room()
     except RuntimeError:  # not started, or full
         _kept.clear()
-        with redirect_stdout(io.StringIO()):  # without Taichi's greeting
-            init(threads=1)
+        init(threads=1)
     sim, scheme, beginning = _kept.pop(shape, (None, None, None))
     # a Simulation makes a new scheme for a longer neighbour list
     if not sim or sim.session is not session() or sim.scheme is not scheme:

@@ -1,6 +1,5 @@
 """Sweep: a scene at every combination of some values, in parallel; failures are rows too, and a sweep is resumed."""
 
-import io
 import math
 import multiprocessing
 import os
@@ -11,7 +10,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
-from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
@@ -185,10 +184,9 @@ def wall_time(planned: list[Case], workers: int, runs: int | None = None) -> flo
     It is the mean forecast of a sample; kernels are compiled at least once by each worker.
     """
     sample = planned[:: max(1, len(planned) // SAMPLED)]
-    with redirect_stdout(io.StringIO()):  # without Taichi's greeting
-        from ..forecast.clock import Clock
+    from ..forecast.clock import Clock
 
-        clocks = [Clock(Problem(catalogue.build(c.scene, **c.parameters)), SERIAL, math.inf) for c in sample]
+    clocks = [Clock(Problem(catalogue.build(c.scene, **c.parameters)), SERIAL, math.inf) for c in sample]
     runs, shapes = runs or len(planned), len({*map(kernel_key, planned)})
     stepping = runs * sum(clock.cost.cpu_seconds for clock in clocks) / len(clocks)
     start_up = sum(clock.expected["start"] + clock.expected["ready"] for clock in clocks) / len(clocks)

@@ -1,4 +1,4 @@
-"""A flipped bit in run.h5 or summary.json is reported, or changes nothing that is read; a damaged history is refused."""
+"""A flipped bit in run.h5 or summary.json is reported, or shows nothing; a damaged history is refused."""
 
 import random
 

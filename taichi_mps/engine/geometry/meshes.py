@@ -12,8 +12,6 @@ from ...units import Count, File, Size, array, require, validated, writing
 from .mesh_files import READERS, read_triangles
 from .shapes import lattice
 
-Sides = Annotated[Count, Field(ge=3, le=1000)]
-
 MAX_LENGTH_IN_REACHES = 500.0  # a mesh longer than this times the grid's ``reach`` is in millimetres; a scene has 100
 MAX_GAP = 0.01  # distance from an open edge at which the winding number is looked at, over the size, at most
 MAX_FRACTION = 0.1  # of a winding number that is whole; libigl's fast one is within 0.01
@@ -193,7 +191,9 @@ def extend_upwards(points, triangles, height, depth):
 
 
 @validated
-def write_bars(path: File, ends: array("m", (None, 2, 3)), radius: Size, sides: Sides = 12) -> Path:
+def write_bars(
+    path: File, ends: array("m", (None, 2, 3)), radius: Size, sides: Annotated[Count, Field(ge=3, le=1000)] = 12
+) -> Path:
     """Write round bars as a triangle mesh of closed bodies; ``Solid.from_mesh`` reads them also where they overlap.
 
     Parameters

@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import AfterValidator, InstanceOf
 
 from ...units import (
-    Coordinate,
     File,
     Flag,
     Instant,
@@ -318,7 +317,7 @@ class Solid(Moving):
             raise SceneError(f"mesh {path}, {size} m with scale = {scale:g}: {error}") from None
 
     @validated
-    def section(self, y: Coordinate = 0.0, time: Instant = 0.0) -> list[np.ndarray]:
+    def section(self, y: real("m", ge=-1e9, le=1e9) = 0.0, time: Instant = 0.0) -> list[np.ndarray]:
         """Return where the distance is zero, as short line segments.
 
         Parameters

@@ -12,7 +12,6 @@ from ...units import (
     Instant,
     Size,
     Text,
-    ViscousConstant,
     YieldValue,
     array,
     array_of,
@@ -53,7 +52,7 @@ class Friction(Checked):
     """
 
     yield_value: YieldValue = Field(0.0, description="yield stress of the interface")
-    viscous_constant: ViscousConstant = Field(0.0, description="viscous resistance of the interface")
+    viscous_constant: real("Pa s/m", ge=0.0, le=1e9) = Field(0.0, description="viscous resistance of the interface")
 
     @model_validator(mode="after")
     def _require_resistance(self):

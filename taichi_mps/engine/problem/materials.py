@@ -19,14 +19,10 @@ from ...units import (
     Angle,
     AnyDensity,
     Checked,
-    Consistency,
     CriticalStrainRate,
     Density,
-    Destructuration,
     Duration,
-    FlowIndex,
     Ratio,
-    Structuration,
     Time,
     Viscosity,
     YieldValue,
@@ -388,12 +384,14 @@ class HerschelBulkley(Law):
     viscous: ClassVar[tuple] = ("consistency", "plastic_viscosity")
 
     yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
-    consistency: Consistency = Field(
+    consistency: real("Pa s^n", gt=0.0, le=1e6) = Field(
         50.0, description="k of tau_y + k rate^n, by default the number of the plastic viscosity"
     )
-    flow_index: FlowIndex = Field(1.0, description="n: exponent of the shear rate")
-    structuration: Structuration = Field(0.0, description="growth of the yield stress at rest (thixotropy)")
-    destructuration: Destructuration = Field(0.005, description="part of that growth undone by a strain of 1")
+    flow_index: real("", ge=0.1, le=4.0) = Field(1.0, description="n: exponent of the shear rate")
+    structuration: real("Pa/s", "0.1 to 1.7 of concrete", ge=0.0, le=1e3) = Field(
+        0.0, description="growth of the yield stress at rest (thixotropy)"
+    )
+    destructuration: real("", ge=0.0, le=10.0) = Field(0.005, description="part of that growth undone by a strain of 1")
 
     @model_validator(mode="after")
     def _has_what_grows(self):

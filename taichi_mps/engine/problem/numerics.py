@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from ...units import Checked, Count, Duration, Flag, RadiusRatio, Ratio, Tolerance
+from ...units import Checked, Count, Duration, Flag, RadiusRatio, Ratio, real
 
 COURANT = "largest way of a particle in a step over the spacing"
 RADIUS = "effective radius r_e over the spacing: farther particles are no neighbours"
@@ -43,7 +43,9 @@ class Implicit(Checked):
     )
     tolerance: Ratio = Field(3e-3, description="relative residual at which a velocity solve stops")
     passes: Count = Field(6, description="augmented-Lagrangian (Uzawa) iterations a step")
-    outer_tolerance: Tolerance = Field(0.0, description="residual below which a step ends its iterations; 0: never")
+    outer_tolerance: real("-", ge=0.0, le=1.0) = Field(
+        0.0, description="residual below which a step ends its iterations; 0: never"
+    )
     effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
     wall_loads: Flag = Field(False, description="measure force and torque of the fluid on each wall")
     sleep: Literal["auto", "on", "off"] = Field(

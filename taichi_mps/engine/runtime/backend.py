@@ -4,7 +4,9 @@ import functools
 import os
 import threading
 import weakref
+from contextlib import redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from typing import Literal
 
 import numpy as np
@@ -111,16 +113,17 @@ def init(
             "memory: Taichi takes 1.07 GB of address space at once when it starts, and a run more; the limit of this "
             f"process (ulimit -v, -d) leaves {size(max(0, left))}; must be at least {size(needed)}"
         )
-    ti.init(
-        arch=architectures[arch],
-        default_fp=ti.f64 if precision == "f64" else ti.f32,
-        default_ip=ti.i32,
-        fast_math=True,
-        debug=debug,
-        log_level=ti.ERROR,
-        cpu_max_num_threads=threads,
-        **OPTIONS,
-    )
+    with redirect_stdout(StringIO()):  # its greeting would spoil --json
+        ti.init(
+            arch=architectures[arch],
+            default_fp=ti.f64 if precision == "f64" else ti.f32,
+            default_ip=ti.i32,
+            fast_math=True,
+            debug=debug,
+            log_level=ti.ERROR,
+            cpu_max_num_threads=threads,
+            **OPTIONS,
+        )
     if ti.lang.impl.current_cfg().arch != architectures[arch]:  # Taichi silently falls back to the processor
         _session = None
         raise SceneError(f"arch = {arch}: no such device is found here; must be one that this machine has, such as cpu")
