@@ -37,6 +37,7 @@ MISSED = {
     ("implicit", "slump_100_quarter", "volume at 5 s"): 0.8,
     ("implicit", "slump_100_axisymmetric", "volume at 5 s"): 0.7,
     ("implicit", "slump_500_coarse", "volume at rest"): 0.8,
+    ("implicit", "slump_1000_coarse", "volume at rest"): 0.8,
     ("semi-implicit", "dam_break_front", "no delay"): 0.264,
     ("semi-implicit", "square_patch", "waist"): 3.0,
     ("semi-implicit", "square_patch", "largest hole"): 1.0,
@@ -44,8 +45,9 @@ MISSED = {
     ("semi-implicit", "rotating_disc", "loss of angular momentum"): 4.0,
     ("semi-implicit", "rotating_sphere", "loss of angular momentum"): 4.0,
 }
-# of which a target is missed on one processor and met on another: 0.60 % on an Intel Xeon, 0.23 % on an AMD EPYC
-MAY_MEET = {"slump_100_axisymmetric"}
+# of which rounding decides whether a target of 0.5 % is missed: 0.60 % on an Intel Xeon and 0.23 % on an AMD EPYC, and
+# 0.31 to 0.52 % in nine runs of both kernel languages whose particles were moved by 1e-6 l0
+MAY_MEET = {"slump_100_axisymmetric", "slump_1000_coarse"}
 
 
 QUICK = tuple(name for name, row in ROWS.items() if row.quick)
