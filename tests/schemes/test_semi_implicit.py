@@ -73,7 +73,7 @@ def test_laplacian_is_exact_on_the_lattice(dimension, free):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_the_papers_pressure_gradient_of_a_linear_field_is_exact_on_the_lattice(dimension, free):
+def test_pressure_gradient_is_exact_on_the_lattice(dimension, free):
     slope = np.array([3.0, -2.0, 0.7])[:dimension]
     simulation = free(block(dimension, 10), literal=True)
     particles, pressure = simulation.particles, simulation.scheme.pressure
