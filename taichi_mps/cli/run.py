@@ -21,7 +21,16 @@ from rich.table import Table
 from ..engine import still
 from ..input.labels import title, written
 from ..io.run_folder import clear_pictures, next_free, write_whole
-from ..report.sentences import LEADING, certainty, in_parts, in_time, numerics, rows, sentences, thin_solids
+from ..report.sentences import (
+    LEADING,
+    certainty,
+    duration_by_part,
+    duration_text,
+    numerics,
+    rows,
+    sentences,
+    thin_solids,
+)
 from ..spelling import size
 from ..units import SceneError, plain, require
 from .case_file import NOT_IN_CASE, case_text, changed_keys
@@ -60,8 +69,8 @@ def describe_run(problem, clock, verbose=False) -> list[str]:
     what = f"{particles_of(problem):,} particles of {1e3 * scene.spacing:.3g} mm{part}"
     needed = size(memory_of(problem, pairs_of(scene), clock.precision))
     pours = f"Pours {1e3 * sum(inlet.volume for inlet in scene.inlets):.3g} l. " if scene.inlets else ""
-    parts = f"{in_parts(clock.expected, clock.cpu_seconds)}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps"
-    takes = f"Takes about {parts if verbose else in_time(clock.whole)}{'; shorter the next time' * clock.cold}."
+    parts = f"{duration_by_part(clock.expected, clock.cpu_seconds)}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps"
+    takes = f"Takes about {parts if verbose else duration_text(clock.whole)}{'; shorter the next time' * clock.cold}."
     return [f"{what}; about {needed} of memory.", pours + takes, certainty(facts), *thin_solids(facts)]
 
 
@@ -234,7 +243,7 @@ def progress(sim, recorder, quiet, verbose, clock):
                 r = sim.report
                 text += f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.outer_iterations}"
                 text += f"/{r.solver_iterations}"
-            bar.update(task, completed=now["share"], description=text, left=f", {in_time(now['left_s'])} left")
+            bar.update(task, completed=now["share"], description=text, left=f", {duration_text(now['left_s'])} left")
             recorder.folder.tell(now | {"measures": recorder.measures})
 
         sim.each_step(show)

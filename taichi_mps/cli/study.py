@@ -18,11 +18,10 @@ from ..forecast.accuracy import choose
 from ..input import catalogue
 from ..input.labels import in_words, title, written
 from ..io.run_folder import strict, write_whole
-from ..report.sentences import in_time
+from ..report.sentences import duration_text
 from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
-from ..study.require import Wanted, require_bingham, runs_to_expect
-from ..study.require import require as find_borders
+from ..study.require import Wanted, find_borders, require_bingham, runs_to_expect
 from ..study.sweep import ACCURACY, CHOOSES, LOST, cases, sweep, wall_time
 from ..study.tables import measures
 from ..units import Checked, Only, SceneError, plain, quote, require, user_path
@@ -102,7 +101,11 @@ def watching(varied, quiet: bool, options, planned, runs=None):
         there = number
         workers = min(options.workers or os.cpu_count() or 1, count - there) if local else 1
         whole = wall_time(planned, workers, count - there)
-        time = f"{workers} at a time, about {in_time(whole)} in all" if local else f"{in_time(whole)} of processor time"
+        time = (
+            f"{workers} at a time, about {duration_text(whole)} in all"
+            if local
+            else f"{duration_text(whole)} of processor time"
+        )
         text = f"{'at most ' * bool(runs)}{count - there} runs" + (f", {there} more are there" if there else "")
         print(f"taichi-mps: {text}: {time}", file=sys.stderr, flush=True)
 
@@ -121,8 +124,8 @@ def watching(varied, quiet: bool, options, planned, runs=None):
             left = whole * more / (done + more) if whole and more else 0.0
             if known and done > 0:
                 left = math.sqrt(left * (time.monotonic() - start) / done * more)
-            text = f"{', '.join(words)}: {outcome(row)}" + (f", in {in_time(spent)}" if spent else "")
-            print(plain(f"{text}; about {in_time(left)} left" if left else text), file=sys.stderr, flush=True)
+            text = f"{', '.join(words)}: {outcome(row)}" + (f", in {duration_text(spent)}" if spent else "")
+            print(plain(f"{text}; about {duration_text(left)} left" if left else text), file=sys.stderr, flush=True)
 
     return tell
 
@@ -310,7 +313,7 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     rows = mixes.read_list(path)
     if others := mixes.unused(rows):
         print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)
-    about = in_time(mixes.SECONDS_PER_MIX * len(rows))
+    about = duration_text(mixes.SECONDS_PER_MIX * len(rows))
     print(f"taichi-mps: {len(rows)} mixes: about {about} in all", file=sys.stderr, flush=True)
 
     found = mixes.calibrate_list(rows, options.study)

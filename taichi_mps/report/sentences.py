@@ -132,18 +132,18 @@ def certainty(summary) -> str:
 def cost(summary) -> str:
     """Sentence on the time that a run took, in all and by its parts; a run of an earlier version has no parts."""
     if "seconds_by_part" in summary:
-        return f"It took {in_parts(summary['seconds_by_part'], summary['all_cpu_seconds'])}."
+        return f"It took {duration_by_part(summary['seconds_by_part'], summary['all_cpu_seconds'])}."
     cpu, start, wall = (summary[f"{key}_seconds"] for key in ("cpu", "compile", "wall"))
-    return f"It took {in_time(wall)} ({in_time(cpu + start)} of processor time)."
+    return f"It took {duration_text(wall)} ({duration_text(cpu + start)} of processor time)."
 
 
-def in_parts(seconds: dict, cpu_seconds: float) -> str:
+def duration_by_part(seconds: dict, cpu_seconds: float) -> str:
     """Format wall time in all, processor time, and the wall time of each part."""
-    parts = ", ".join(f"{PARTS.get(part, part)} {in_time(value)}" for part, value in seconds.items())
-    return f"{in_time(sum(seconds.values()))} in all ({in_time(cpu_seconds)} of processor time): {parts}"
+    parts = ", ".join(f"{PARTS.get(part, part)} {duration_text(value)}" for part, value in seconds.items())
+    return f"{duration_text(sum(seconds.values()))} in all ({duration_text(cpu_seconds)} of processor time): {parts}"
 
 
-def in_time(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """Format a duration [s] as text: 40 s, 5.2 min, 1.4 h."""
     for unit, size in (("h", 3600.0), ("min", 60.0)):
         if seconds >= 1.5 * size:

@@ -9,13 +9,13 @@ import numpy as np
 from ..engine import LAWS, Scene, numbers_of
 from ..input import catalogue
 from ..input.labels import in_words, is_measure, title, written
-from ..report.sentences import in_time
+from ..report.sentences import duration_text
 from ..units import notes, require, suggestion
 from .calibration import rounded
 from .case import Case, case, run
 from .curves import Curve, CurveFit, Test, measures_of, read_curves, stem_and_unit
 from .fit import DIFFERENCE_STEP, constants_of, prior_of, worth_of
-from .sweep import carry_out, executor_of, wall_time
+from .sweep import executor_of, run_cases, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
 MAX_OFFSET = 0.5  # largest offset over the duration of the curve
@@ -84,7 +84,7 @@ class Runs:
         cases = [{test: self.case(test, at, spacing) for test in self.tests} for at in points]
         before = len(self.planned)
         self.planned |= {each.key: each for some in cases for each in some.values()}
-        rows = carry_out(list(self.planned.values()), self.folder, run_with_history, self.pool)
+        rows = run_cases(list(self.planned.values()), self.folder, run_with_history, self.pool)
         for row in (row for row in rows[before:] if row["status"] != "done"):
             self.report(f"a run {row['status']}: {row['reason']}")
         self.rows = {row["key"]: row for row in rows}
@@ -253,7 +253,7 @@ def calibrate_curves(
         if watch:
             likely = len(runs.tests) * (len(START_FACTORS) + 6 * (1 + 2 * len(initial)))
             cases = [runs.case(test, np.zeros(bounds.shape[1]), coarse) for test in runs.tests]
-            duration = in_time(wall_time(cases, at_once or 1, likely))
+            duration = duration_text(wall_time(cases, at_once or 1, likely))
             finely = f", besides {3 * len(runs.tests)} at {spacing:g} m" * finer
             watch(f"some {likely} runs at a spacing of {coarse:g} m, about {duration}{finely}")
         return fit_result(runs, built.material, spacing, *search(runs, spacing))

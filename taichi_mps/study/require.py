@@ -13,12 +13,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..input import catalogue
-from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, unit_of
-from ..units import require as check
+from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, require, unit_of
 from .case import case
 from .case import run as run_case
 from .emulator import DENSITY, emulator_of
-from .sweep import carry_out, cases
+from .sweep import cases, run_cases
 
 MAX_ROUNDS = 30
 FILLED = "filled_ratio"
@@ -37,7 +36,7 @@ class Wanted(Checked):
     @model_validator(mode="after")
     def _spans_a_range(self):
         text = f"softest = {self.softest:g} Pa: must be less than stiffest = {self.stiffest:g} Pa"
-        check(self.softest < self.stiffest, text)
+        require(self.softest < self.stiffest, text)
         return self
 
 
@@ -129,12 +128,14 @@ def require_bingham(form, parameters: dict) -> None:
     given = [name for name in parameters if name in NUMBERS]
     numbers = ", ".join(f"{name} = {quote(form.parameters[name], unit_of(fields[name]))}" for name in given)
     bingham = form.material.straight and not parameters.keys() & form.material.viscous
-    check(
+    require(
         bingham, f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out"
     )
 
 
-def require(scene: str, wanted: Wanted, out, executor="local", workers=None, watch=None, run=run_case, **parameters):
+def find_borders(
+    scene: str, wanted: Wanted, out, executor="local", workers=None, watch=None, run=run_case, **parameters
+):
     """Return the borders of all plastic viscosities and the rows of the runs that found them, which are kept in the
     folder ``out`` and not computed again."""
     low, high = wanted.softest, wanted.stiffest
@@ -142,9 +143,9 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
     defaults = {"fill_ratio": 1.0} if "fill_ratio" in keywords else {}
     parameters = defaults | parameters | {"until": wanted.time}
     form = catalogue.build(scene, **parameters)
-    check(form.cavity is not None, f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
+    require(form.cavity is not None, f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
     ratio = form.parameters.get("fill_ratio", 1.0)
-    check(
+    require(
         ratio >= wanted.filled,
         f"filled = {wanted.filled:g}: of the form only fill_ratio = {ratio:g} is poured; must be at most that",
     )
@@ -160,7 +161,7 @@ def require(scene: str, wanted: Wanted, out, executor="local", workers=None, wat
             break
         for tau_y, eta in new:
             planned[tau_y, eta] = case(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta)
-        rows = carry_out(list(planned.values()), out, run, executor, workers, watch)
+        rows = run_cases(list(planned.values()), out, run, executor, workers, watch)
     by_mix, density = dict(zip(planned, rows, strict=True)), rows[0].get("density") or DENSITY
     missing = {mix: 1.0 - row.get(FILLED, math.nan) for mix, row in by_mix.items()}
     borders = [Border(eta, full, empty, missing.get((empty, eta)), density) for eta, (full, empty) in brackets.items()]

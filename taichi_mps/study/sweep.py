@@ -134,12 +134,12 @@ def sweep(
         ...
     taichi_mps.units.SceneError: yield_value = 50:1500: must be a list, 20,50,100, or first:last:number[:linear]
     """
-    return carry_out(
+    return run_cases(
         cases(scene, **parameters), out or Path("studies") / Path(scene).stem, run_case, executor, workers, watch
     )
 
 
-def carry_out(planned: list[Case], out, run=run_case, executor="local", workers=None, watch=None) -> list[dict]:
+def run_cases(planned: list[Case], out, run=run_case, executor="local", workers=None, watch=None) -> list[dict]:
     """Return the rows of the cases, by ``run`` on an executor; rows in the folder ``out`` are not computed again.
 
     ``run`` is a function of a module, which the workers import; it returns a row, a dict with the key of its case.
@@ -208,7 +208,7 @@ def run_side_by_side(planned, run, start, max_running, finished) -> list[Case]:
                         running[executor.submit(run, waiting[0])] = waiting[0]
                         waiting.popleft()
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        finished(row_of(future, running[future]))
+                        finished(row_of_future(future, running[future]))
                         del running[future]
                 except KeyboardInterrupt as interrupt:
                     if stopped or not running or max_running is None:
@@ -224,7 +224,7 @@ def run_side_by_side(planned, run, start, max_running, finished) -> list[Case]:
     return suspects
 
 
-def row_of(future, case: Case) -> dict:
+def row_of_future(future, case: Case) -> dict:
     """Return the row of a finished case; BrokenExecutor where a process died."""
     try:
         return future.result()

@@ -9,7 +9,7 @@ import taichi_mps as mps
 from taichi_mps.cli import study as commands
 from taichi_mps.cli.main import main
 from taichi_mps.study.chart import require_chart
-from taichi_mps.study.require import Border, Wanted, bracket, next_mixes, require
+from taichi_mps.study.require import Border, Wanted, bracket, find_borders, next_mixes
 
 LOW, HIGH, WITHIN = 10.0, 1000.0, 0.1
 VISCOSITIES = (10.0, 20.0, 50.0, 100.0)
@@ -58,7 +58,7 @@ def study(folder, wanted, calls=None, **settings):
         return run(case)
 
     with ThreadPoolExecutor(2) as executor:
-        return require(**{"scene": "wall"} | settings, wanted=wanted, out=folder, executor=executor, run=counted)
+        return find_borders(**{"scene": "wall"} | settings, wanted=wanted, out=folder, executor=executor, run=counted)
 
 
 def test_a_study_is_kept_and_tells_a_slump_to_order(tmp_path):

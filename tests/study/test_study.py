@@ -25,7 +25,7 @@ from taichi_mps.input import catalogue
 from taichi_mps.study import case as cases
 from taichi_mps.study import sweep
 from taichi_mps.study.reuse import begin, shape_of
-from taichi_mps.study.sweep import ACCURACY, LOST, carry_out, run_side_by_side, values
+from taichi_mps.study.sweep import ACCURACY, LOST, run_cases, run_side_by_side, values
 from taichi_mps.study.sweep import cases as combinations
 from taichi_mps.study.tables import open_results, read
 from taichi_mps.units import SceneError
@@ -104,7 +104,7 @@ def test_cases_that_share_kernels_are_run_one_after_the_other(tmp_path):
         return {"key": case.key, "status": "done", "reason": ""}
 
     with ThreadPoolExecutor(1) as threads:
-        rows = carry_out(mixed, tmp_path / "s", look, threads)
+        rows = run_cases(mixed, tmp_path / "s", look, threads)
     assert seen[0] == seen[1] != seen[2] == seen[3]
     assert [row["key"] for row in rows] == [case.key for case in mixed]
 
@@ -124,8 +124,8 @@ def numbers(rows):
 def test_finished_cases_are_not_run_again(tmp_path, notes):
     out, seen = tmp_path / "study", []
     with ThreadPoolExecutor(2) as threads:
-        first = carry_out(study_cases.planned(4, notes), out, study_cases.fails_at_two, threads)
-        again = carry_out(study_cases.planned(6, notes), out, study_cases.plain, threads,
+        first = run_cases(study_cases.planned(4, notes), out, study_cases.fails_at_two, threads)
+        again = run_cases(study_cases.planned(6, notes), out, study_cases.plain, threads,
                           watch=lambda rows, total: seen.append((len(rows), total)))  # fmt: skip
     assert [row["status"] for row in first] == ["done", "done", "failed", "done"]
     assert again[:4] == first and numbers(again) == [0, 1, 3, 4, 5]
@@ -136,7 +136,7 @@ def test_finished_cases_are_not_run_again(tmp_path, notes):
 
 def test_a_broken_executor_loses_the_cases_and_ends(tmp_path, notes):
     with ThreadPoolExecutor(1, initializer=int, initargs=("no number",)) as threads:
-        rows = carry_out(study_cases.planned(3, notes), tmp_path / "s", study_cases.plain, threads)
+        rows = run_cases(study_cases.planned(3, notes), tmp_path / "s", study_cases.plain, threads)
     assert [row["status"] for row in rows] == [LOST] * 3 and not study_cases.runs(notes)
 
 
@@ -150,16 +150,16 @@ def test_a_case_for_which_memory_is_missing_is_computed_again(monkeypatch):
 
 
 def test_a_case_that_kills_its_process_takes_no_other_with_it(tmp_path, notes):
-    rows = carry_out(study_cases.planned(5, notes), tmp_path / "s", study_cases.dies_at_two, workers=2)
+    rows = run_cases(study_cases.planned(5, notes), tmp_path / "s", study_cases.dies_at_two, workers=2)
     assert numbers(rows) == [0, 1, 3, 4] and rows[2]["status"] == LOST and "process died" in rows[2]["reason"]
     assert study_cases.runs(notes)["case2"] == 2
 
 
 def test_a_study_that_is_killed_goes_on_where_it_was(tmp_path, notes):
     script = (
-        "import sys\nfrom taichi_mps.study.sweep import carry_out\nfrom tests.support import study_cases as s\n"
+        "import sys\nfrom taichi_mps.study.sweep import run_cases\nfrom tests.support import study_cases as s\n"
         "if __name__ == '__main__':\n"
-        "    carry_out(s.planned(9, sys.argv[1]), sys.argv[2], s.kills_the_study_at_first, workers=2)\n"
+        "    run_cases(s.planned(9, sys.argv[1]), sys.argv[2], s.kills_the_study_at_first, workers=2)\n"
     )
     (tmp_path / "study.py").write_text(script)
     command, journal = [sys.executable, tmp_path / "study.py", notes, tmp_path / "s"], tmp_path / "s" / "journal.jsonl"
@@ -241,7 +241,7 @@ def test_the_tables_hold_text_beside_numbers_and_what_is_missing(tmp_path):
 @pytest.mark.parametrize("name", ["dask", "dask://", "dask://host", "dask://host:port", "ssh://there", "4"])
 def test_an_executor_that_is_none_is_refused(tmp_path, name):
     with pytest.raises(SceneError, match=f"executor = {re.escape(name)}: must be"):
-        carry_out([], tmp_path / "s", executor=name)
+        run_cases([], tmp_path / "s", executor=name)
     assert not (tmp_path / "s").exists()
 
 

@@ -12,7 +12,7 @@ from ...units import INSTANT, Size, Time, array_of, real, require, validated, ve
 ROWS_PER_VIBRATION = 24  # of the table that ``vibration`` returns
 
 
-def in_time(unit):
+def table_of_time(unit):
     """Annotate a table of time whose values have this unit, as ``table`` reads it."""
     return Annotated[Any, BeforeValidator(partial(table, unit))]
 

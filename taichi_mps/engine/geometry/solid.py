@@ -28,7 +28,7 @@ from ...units import (
     vector,
 )
 from .concave_edges import NODES_PER_SLAB, interpolate
-from .in_time import Moving, in_time
+from .in_time import Moving, table_of_time
 from .meshes import MAX_LENGTH_IN_REACHES, check_bodies, extend_upwards, mesh_distance, read_mesh, unite_bodies
 from .walls import Friction, check_surface, require_same_dimension, spin
 
@@ -112,7 +112,7 @@ class Solid(Moving):
     values: NodeValues
     low: vector("m")
     cell: Size
-    velocity: vector("m/s") | in_time("m/s") | None = None
+    velocity: vector("m/s") | table_of_time("m/s") | None = None
     slip: Flag = False
     loose: Flag = False
     friction: InstanceOf[Friction] | None = None

@@ -22,7 +22,7 @@ from ...units import (
     validated,
     vector,
 )
-from .in_time import Moving, in_time
+from .in_time import Moving, table_of_time
 from .shapes import Box, HasDistance
 
 
@@ -152,7 +152,7 @@ class Plane(Moving):
 
     point: vector("m")
     normal: vector("")
-    velocity: vector("m/s") | in_time("m/s") | None = None
+    velocity: vector("m/s") | table_of_time("m/s") | None = None
     slip: Flag = False
     loose: Flag = False
     mirror: Flag = False
@@ -256,7 +256,7 @@ class Cylinder(Moving):
     axis: array("", (0,), (3,), kind=tuple) | None = None
     inside: Flag = True
     angular_velocity: real("rad/s", ge=-1e6, le=1e6) = 0.0
-    velocity: real("m/s", ge=-1e6, le=1e6) | in_time("m/s") = 0.0
+    velocity: real("m/s", ge=-1e6, le=1e6) | table_of_time("m/s") = 0.0
     slip: Flag = False
     slope: real("", ge=-1e6, le=1e6) = 0.0
     length: Size | None = None

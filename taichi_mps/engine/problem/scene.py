@@ -9,7 +9,7 @@ from pydantic import InstanceOf
 
 from ...units import Duration, Size, array, instance, points, validated, vector
 from ..geometry.cavity import Cavity
-from ..geometry.in_time import TimeDependent, in_time
+from ..geometry.in_time import TimeDependent, table_of_time
 from ..geometry.shapes import Cone
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
@@ -115,7 +115,7 @@ class Scene:
     walls: SceneWalls = ()
     wall_particles: points("m") | None = None
     velocity: points("m/s") | None = None
-    gravity: vector("m/s2") | in_time("m/s2") | None = None
+    gravity: vector("m/s2") | table_of_time("m/s2") | None = None
     periodic: instance(bool | np.bool_, "a tuple, each True or False", several=True) | None = None
     axisymmetric: SceneFlag = False
     until: Duration = 5.0
