@@ -113,7 +113,7 @@ class FittedConstants:
         texts = []
         for constant in (it for it in gains if self.constants[it].bounded):
             others = [in_words(it) for it in gains if it != constant]
-            once = f" once {f'the {others[0]} is' if len(others) == 1 else 'the others are'} bounded" * bool(others)
+            once = f" once {f'the {others[0]} is' if len(others) == 1 else 'the others are'} bounded" if others else ""
             texts.append(f"the {in_words(constant)}{once} (without it {gains[constant]:.1f} times as uncertain)")
         return " and ".join(texts) or "neither constant alone"
 
@@ -173,7 +173,7 @@ class Mix(FittedConstants):
             table_error = factor * math.sqrt(max(self.errors[name] ** 2 - error**2, 0.0))
             text = f"{factor * value:.2f} +- {factor * error:.2f} {unit}"
             text += f", of the model {factor * self.model[name]:.2f} +- {table_error:.2f}"
-            text += f"; determines {self.determines(name)}" * bool(self.worth[name])
+            text += f"; determines {self.determines(name)}" if self.worth[name] else ""
             lines.append(f"{NAMES[name]:18} {text}")
         return lines
 
@@ -228,7 +228,7 @@ class FrictionalMix(Mix):
         if self.usual:
             lines[-1] = lines[-1].replace("as given", "a usual value, not measured")
         others = [f"{rounded(c)} Pa and {rounded(a)} degrees at {eta:g}" for eta, (c, a) in self.by_viscosity.items()]
-        lines += [f"  by plastic viscosity: {', '.join(others)} Pa s"] * bool(others)
+        lines += [f"  by plastic viscosity: {', '.join(others)} Pa s"] if others else []
         lines += [*self.measurement_lines(), f"{'to run it':18} {self.command}"]
         return "\n".join([f"{self.describe()}:", *(f"  {line}" for line in lines)])
 
@@ -284,7 +284,7 @@ class Calibration(Mix):
     def contradiction(self) -> str:
         """Format that no mix fits the measurements, with what each alone says and what to trust it for."""
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
-        text += ", or lie beyond the table" * bool(self.at_the_edge)
+        text += ", or lie beyond the table" if self.at_the_edge else ""
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             readings = [
                 f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "
@@ -315,12 +315,12 @@ class Calibration(Mix):
             lines.append(f"the finer run      {differences} beside the table; the constants are corrected by it")
         ends = ", ".join(f"{in_words(name)} {self.constants[name].table_range()}" for name in self.at_the_edge)
         edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
-        lines = [edge] * bool(ends) + lines
+        lines = ([edge] if ends else []) + lines
         if self.friction:
             *first, last = [NAMES[name] for name in self.friction.measured]
             unused = [NAMES[name] for name in self.measured if name not in self.friction.measured]
             block = [str(self.friction)]
-            block += [f"  of {', '.join(first)} and {last} alone, not of {' and '.join(unused)}"] * bool(unused)
+            block += [f"  of {', '.join(first)} and {last} alone, not of {' and '.join(unused)}"] if unused else []
             lines = [*block, "the nearest Bingham mix:", *lines] if self.contradictory else [*lines, *block]
         if not self.fits:
             lines.insert(

@@ -120,7 +120,7 @@ def curves_chart(found, out) -> Path:
                 x, factor * np.array(curve["model"]), "-" if curve["times"] else "x", color=colour, label=curve["name"]
             )
             label = "time of the curve [s]" if curve["times"] else "number of the point"
-        axes.set(xlabel=label, ylabel=title(name) + f" [{unit}]" * bool(unit))
+        axes.set(xlabel=label, ylabel=title(name) + (f" [{unit}]" if unit else ""))
         if len(found.curves) <= len(COLOURS):
             axes.legend(frameon=False, fontsize=8)
     stress, factors = found.flow_curve()
@@ -182,7 +182,9 @@ def study_chart(rows, varied, out) -> Path:
             points = np.array(sorted(points), float)  # None becomes nan: a gap
             label = ", ".join(f"{in_words(other)} {quote(value, '')}" for other, value in zip(others, key, strict=True))
             axes.plot(points[:, 0], factor * points[:, 1], "o-", color=COLOURS[k % len(COLOURS)], label=label)
-        axes.set(xlabel=in_words(x) + f" [{unit}]" * bool(unit), ylabel=title(name) + f" [{unit_y}]" * bool(unit_y))
+        axes.set(
+            xlabel=in_words(x) + (f" [{unit}]" if unit else ""), ylabel=title(name) + (f" [{unit_y}]" if unit_y else "")
+        )
         if values[0] > 0.0:
             axes.set_xscale("log")
             set_log_ticks(axes.xaxis, values[0], values[-1], values)

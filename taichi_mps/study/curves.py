@@ -50,7 +50,13 @@ def column_meanings(keywords: dict, measures) -> tuple[dict[str, str], dict[str,
     units = {"time": "s"} | {name: unit_of(field).strip("-") for name, field in keywords.items()}
     for name in measures:
         stem, units[name] = stem_and_unit(name)
-        spellings[name] = [name, stem, title(name), *COLUMN_NAMES.get(stem, "").split(), *[""] * (name == DIAMETER)]
+        spellings[name] = [
+            name,
+            stem,
+            title(name),
+            *COLUMN_NAMES.get(stem, "").split(),
+            *([""] if name == DIAMETER else []),
+        ]
     return {key_of(word): name for name, words in spellings.items() for word in words}, units
 
 
@@ -144,8 +150,8 @@ class CurveFit(FittedConstants):
         errors = dict(zip(self.constants, map(percent, np.sqrt(np.diag(self.spread))), strict=True))
         known = [f"{in_words(name)} to {errors[name]}" for name, it in self.constants.items() if it.determined]
         others = [in_words(name) for name, it in self.constants.items() if not it.determined]
-        text = f"The curves determine the {' and the '.join(known)}. " * bool(known)
-        text += f"They do not determine the {' and the '.join(others)}. " * bool(others)
+        text = f"The curves determine the {' and the '.join(known)}. " if known else ""
+        text += f"They do not determine the {' and the '.join(others)}. " if others else ""
         rate, stress, factor = min(zip(SHEAR_RATES, *self.flow_curve(), strict=True), key=lambda point: point[2])
         best = f"{rate:.2g} 1/s, {rounded(stress)} Pa, to {percent(np.log(factor))}"
         return f"{text}The shear stress is known best at {best}."

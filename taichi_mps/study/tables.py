@@ -99,13 +99,13 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
     require(duplicate is None, f"{where}column '{duplicate}' stands there twice; must be once")
     for line, row in rows:
         table.append({names[k]: cell for k, cell in enumerate([*row, *[""] * width][:width]) if filled[k]})
-        wrong = f"{len(row)} cells, the header has {width}" * (len(row) != width)
+        wrong = f"{len(row)} cells, the header has {width}" if len(row) != width else ""
         for name, column, cell in zip(header[1:], names[1:], row[1:], strict=False):  # the first may number the rows
             if delimiter == "," and not name and cell[:1].isdigit():
                 wrong = wrong or f"a number in {column}, which has no name"
         if wrong:
             table[-1][ROW_ERROR] = f"line {line} has {wrong}: {' '.join(delimiter.join(row).split())}" + (
-                "; a number with a decimal comma must be in quotes" * (delimiter == "," and len(row) >= width)
+                "; a number with a decimal comma must be in quotes" if delimiter == "," and len(row) >= width else ""
             )
     return table
 
