@@ -300,7 +300,6 @@ def save(sim: InstanceOf[Running], path: File) -> Path:
     --------
     >>> import tempfile, taichi_mps as mps
     >>> mps.init(threads=1)
-    [Taichi] Starting on arch=...
     >>> sim = mps.Simulation(mps.slump_cone(model="axisymmetric", spacing=0.05))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = mps.checkpoint.save(sim, f"{folder}/start.h5")

@@ -292,7 +292,6 @@ def png(folder: Place, view: Literal[VIEWS] = "concrete", **options):
     --------
     >>> import tempfile, pathlib, types, taichi_mps as mps
     >>> mps.init(threads=1)
-    [Taichi] Starting on arch=...
     >>> scene = mps.slump_cone(model="axisymmetric", spacing=0.05)
     >>> body = mps.measure.still(scene.fluid, scene.spacing)
     >>> sim = types.SimpleNamespace(scene=scene, snapshot=lambda: body, measures=dict)  # in place of a Simulation

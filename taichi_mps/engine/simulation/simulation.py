@@ -54,7 +54,6 @@ class Simulation:
     --------
     >>> import taichi_mps as mps
     >>> mps.init(threads=1)
-    [Taichi] Starting on arch=...
     >>> sim = mps.Simulation(mps.slump_cone(model="axisymmetric", spacing=0.05, until=0.02))
     >>> sim.run()
     'time'
