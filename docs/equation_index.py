@@ -75,7 +75,9 @@ def link(item: str, pages: dict[str, str]) -> str:
     """Markdown of a function or test, with a link to where its docstring and source are shown."""
     name = item.removesuffix(".py").replace(".py::", ".").replace("/", ".")
     if name == item:
-        whole = item if (ROOT / "taichi_mps" / item.split(".")[0]).exists() else f"engine.{item}"
+        room = ROOT / "taichi_mps" / item.split(".")[0]
+        outside = (room / "__init__.py").exists() or room.with_suffix(".py").exists()
+        whole = item if outside else f"engine.{item}"
         name, parts = f"taichi_mps.{whole}", whole.split(".")
         over = [".".join(parts[:k]) for k in range(2, len(parts) + 1)] * (not re.search(r"\._", item))
         page = next((pages[each] for each in over if each in pages), "functions")
