@@ -91,8 +91,8 @@ def row(folder: RunFolder) -> dict:
     }
     try:
         summary, picture = summary_of(folder), newest_picture(folder)
-        files = (Path(place) / name for place, _, names in os.walk(folder.path) for name in names)
-        facts |= {"size": sum(file.lstat().st_size for file in files), "runs": bool(lock.writer(folder.path))}
+        sizes = (os.lstat(os.path.join(at, name)).st_size for at, _, names in os.walk(folder.path) for name in names)
+        facts |= {"size": sum(sizes), "runs": bool(lock.writer(folder.path))}
         facts["resumable"] = folder.resumable and not facts["runs"] and summary.get("stopped_by") in RESUMABLE_ENDS
         if picture:
             facts["picture"] = url(folder, str(picture.relative_to(folder.path)))

@@ -5,6 +5,7 @@ from pathlib import Path
 from ..engine import NUMERICS, Implicit
 from ..input import catalogue
 from ..input.labels import OPTIONS, keyword_description
+from ..io.checkpoint import FORMS_OF_0_2
 from ..report.inputs import OMITTED, option
 from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of, user_path
 from .options import GONE, GROUPS, Run, group_of, is_tuple, suggested
@@ -12,14 +13,6 @@ from .options import GONE, GROUPS, Run, group_of, is_tuple, suggested
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # keywords by the names of options
 SECTIONS = [group.split()[0] for group in GROUPS]
 NOT_IN_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # options that a case file does not hold
-# keys and values that earlier versions wrote
-WITHOUT_MEANING = (
-    ("renderer", "software"),
-    ("source", "mixed"),
-    ("gradient", "smallest"),
-    ("plots", False),
-    ("plots", True),
-)
 MAX_BYTES = 1e5  # of a case file, which takes a second to read; a case has some 5e3
 TITLE = "A case of taichi-mps: taichi-mps run case.toml. A number may have a unit of its own, in quotes: '0.5 kPa'."
 
@@ -66,7 +59,7 @@ def changed_keys(path: Path, text: str) -> list[str]:
         )
     except ValueError:
         return ["no TOML"]
-    return [key for key, value in given.items() if value != known.get(key) and key not in GONE]
+    return [key for key, value in given.items() if value != known.get(key) and (key in known or key not in GONE)]
 
 
 def keywords(function, numerics) -> dict:
@@ -109,8 +102,11 @@ def command_words(path: Path) -> list[str]:
         if duplicates := sorted(given.keys() & keys.keys()):
             raise SceneError(f"case = {path}: {duplicates[0]} is given twice")
         given |= keys
-    given = {key: value for key, value in given.items() if (key, value) not in WITHOUT_MEANING}
     known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
+    form = FORMS_OF_0_2[given.get("literal") is True]  # of the scheme semi-implicit
+    written = [("renderer", "software"), ("plots", False), ("plots", True)]  # by version 0.2, without a meaning now
+    written += form.items() if form.items() <= given.items() else []
+    given = {key: value for key, value in given.items() if key in known or (key, value) not in written}
     options, words = [], {}
     for word, value in given.items():
         name = word if word in known else KEYS.get(word, word)

@@ -52,8 +52,6 @@ WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme tha
 RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
 KEPT_OPTIONS = ["scheme", "precision", "out", "overwrite"]  # options of a run that resume cannot change
-USED_PACKAGES = "taichi", "quadrants", "numpy", "h5py", "pydantic", "matplotlib"  # whose versions info tells
-STILL_USED = "until", "quiet", "verbose"  # options of resume where nothing is left to compute
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
@@ -147,7 +145,8 @@ def resume(arguments) -> int:
         missing = folder.check_checkpoint(newest, state)
         summary = folder.summary_at(passed)
         limited = summary.get("stopped_by") == "time"
-        unused = ", ".join(key for key in changed | remedy if key not in STILL_USED)
+        # where nothing is left to compute
+        unused = ", ".join(key for key in changed | remedy if key not in ("until", "quiet", "verbose"))
         if summary and not (limited and arguments.until and options.until > passed + INSTANT):
             told = "; --until TIME goes on" if limited else ", it is at rest"
             told += f"; without effect: {unused}" if unused else ""
@@ -244,8 +243,7 @@ def scenes(arguments) -> int:
     facts = [
         {"name": name, "description": descriptions[name], "file": str(path)} for name, path in catalogue.names().items()
     ]
-    width = max(map(len, descriptions), default=0)
-    return tell(arguments, facts, "\n".join(f"{name:{width}}  {text}" for name, text in descriptions.items()))
+    return tell(arguments, facts, "\n".join(f"{name:12}  {text}" for name, text in descriptions.items()))
 
 
 @command("The installation, or the summary of a run.", {"run": {"nargs": "?", "help": "run folder"}} | JSON)
@@ -265,7 +263,11 @@ def info(arguments) -> int:
             "platform": platform.platform(),
             "cpus": os.cpu_count(),
             "scenes": str(catalogue.folder()),
-            **{name: metadata.version(name) for name in USED_PACKAGES if find_spec(name)},
+            **{
+                name: metadata.version(name)
+                for name in ("taichi", "quadrants", "numpy", "h5py", "pydantic", "matplotlib")
+                if find_spec(name)
+            },
         }
     return tell(arguments, facts, "\n".join(f"{key:18} {value}" for key, value in facts.items()))
 

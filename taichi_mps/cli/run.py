@@ -37,7 +37,6 @@ from .case_file import NOT_IN_CASE, case_text, changed_keys
 from .options import DIVERGED, DONE, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
 
-MIN_WIDTH = 40  # least number of columns for the output of a result
 IMPORTED = time.process_time()  # [s] that the import of the command line took, by which the clock knows the machine
 
 
@@ -102,6 +101,8 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=None) -> int
             folder.create(options.overwrite)
         else:
             keep_edited(folder, case, resumed)
+            for name in ("slump.png", "history.png"):  # of version 0.2, which would end where that run ended
+                (folder.path / name).unlink(missing_ok=True)
         write_whole(folder.case, case)
         draw = SideBySide([sim.scene], folder.frames, options).draw
         recorder = Recorder(folder, sim, clock.every, source, settings, draw)
@@ -113,7 +114,7 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=None) -> int
     clock.begin("pictures")
     summary = recorder.finish(stopped_by, error)
     if folder.pictures:
-        gif(folder.pictures, folder.animation, every=mean_interval(sim.time, folder.pictures))
+        gif(folder.pictures, folder.animation, every=sim.time / max(len(folder.pictures) - 1, 1))
     clock.begin("report")
     write_report(folder, sim.scene)
     if sim.scene.cavity and find_spec("matplotlib"):
@@ -127,18 +128,14 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=None) -> int
     return 128 + signals[0] if stopped_by == "interrupted" else code
 
 
-def mean_interval(end: float, pictures: list) -> float:
-    """Mean time [s] between pictures from 0 s to an end [s]: a step longer than the interval asked for has one."""
-    return end / max(len(pictures) - 1, 1)
-
-
 def complete(folder, summary, options, scene_file, as_json) -> int:
     """Make only what is missing of a run that has ended, as of one killed before its report: animation and report; and
     show its result."""
     from ..viz.render import gif
 
     if folder.pictures and not folder.animation.is_file():
-        gif(folder.pictures, folder.animation, every=mean_interval(summary["simulated_seconds"], folder.pictures))
+        every = summary["simulated_seconds"] / max(len(folder.pictures) - 1, 1)
+        gif(folder.pictures, folder.animation, every=every)
     if not folder.report.is_file():
         write_report(folder, scene_file=scene_file)
     folder.clock.unlink(missing_ok=True)
@@ -214,7 +211,7 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
     for number, each in enumerate(chain([first], outputs)):
         end = max(frame.time for frame in each)
         made.append(painter.draw(number, *each))
-    every = mean_interval(end, made)
+    every = end / max(len(made) - 1, 1)  # a step longer than the interval asked for has one picture
     gif(made, animation, width=640 * len(replays), every=every)
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
     return names | ({"film": str(mp4(made, animation.with_suffix(".mp4"), every=every))} if film else {})
@@ -253,7 +250,7 @@ def progress(sim, recorder, quiet, verbose, clock):
 def print_result(summary: dict, folder, verbose=False, stages=()) -> None:
     """Print the result: sentences, then each number with its meaning; the numerics with ``verbose`` or ``stages``."""
     console = Console(highlight=False)
-    console.width = max(console.width, MIN_WIDTH)
+    console.width = max(console.width, 40)  # columns
     with console.capture() as text:  # rich ends the program with 1 where nobody reads
         for sentence in sentences(summary, folder.path):
             console.print(sentence, markup=False)

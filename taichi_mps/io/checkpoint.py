@@ -34,7 +34,10 @@ SAMPLED_FROM = 1_000_000  # numbers of an array from which on its digest is made
 PARTICLE_ATTRIBUTES = "spacing", "fluid", "domain", "wall_particles", "inlets"
 LAW_ATTRIBUTES = "materials", "gravity_vector", "walls"
 FORMER_NAMES = {"typical_slope": "plastic_viscosity"}  # names of numbers of a law in digests
-FORMS_OF_0_2 = {True: ("density", "literal"), False: ("mixed", "smallest")}  # source and gradient, by ``literal``
+FORMS_OF_0_2 = {  # source and gradient of the scheme semi-implicit, by ``literal``
+    True: {"source": "density", "gradient": "literal"},
+    False: {"source": "mixed", "gradient": "smallest"},
+}
 HEADER = {
     **dict.fromkeys(("source", "scheme", "fluid", "problem"), str),
     **dict.fromkeys(("parameters", "numerics", "settings"), dict),
@@ -204,9 +207,9 @@ class Checkpoint:
             f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with",
         )
         numerics = dict(self.header["numerics"])
-        form = numerics.pop("source", None), numerics.pop("gradient", None)
+        form = {key: numerics.pop(key) for key in ("source", "gradient") if key in numerics}
         only = "checkpoint: has a source and a gradient of the pressure that only version 0.2.0 mixes"
-        require(form in ((None, None), FORMS_OF_0_2[bool(numerics.get("literal"))]), f"{only}; must be of one form")
+        require(form in ({}, FORMS_OF_0_2[bool(numerics.get("literal"))]), f"{only}; must be of one form")
         problem = Problem(scene, NUMERICS[self.header["scheme"]](**numerics))
         for key, value in self.state.items():
             require(

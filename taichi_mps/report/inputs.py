@@ -39,16 +39,17 @@ def shown(value, unit: str) -> str:
 def command(source: str, summary: dict, every: float | None = None) -> str:
     """Command line, after ``taichi-mps``, that repeats a run, without options at their defaults. ``every``: interval of
     the outputs [s], if it is not the usual one. A scene file is named without its folder."""
+    numerics = NUMERICS[summary["scheme"]]().model_dump()
     defaults = {
         **{key: field.default for key, field in fields_of(source).items()},
-        **NUMERICS[summary["scheme"]]().model_dump(),
+        **numerics,
         **DEFAULT_BACKEND,
     }
     options = {
         **summary["parameters"],
         "every": every,
         "scheme": summary["scheme"],
-        **summary["numerics"],
+        **{key: value for key, value in summary["numerics"].items() if key in numerics},
         **{key: summary["backend"][key] for key in ("arch", "precision")},
     }
     if summary["stopped_by"] == "time":

@@ -84,10 +84,11 @@ class Runs:
         cases = [{test: self.case(test, at, spacing) for test in self.tests} for at in points]
         before = len(self.planned)
         self.planned |= {each.key: each for some in cases for each in some.values()}
-        rows = run_cases(list(self.planned.values()), self.folder, run_with_history, self.pool)
-        for row in (row for row in rows[before:] if row["status"] != "done"):
-            self.report(f"a run {row['status']}: {row['reason']}")
-        self.rows = {row["key"]: row for row in rows}
+        if len(self.planned) > before:
+            rows = run_cases(list(self.planned.values()), self.folder, run_with_history, self.pool)
+            for row in (row for row in rows[before:] if row["status"] != "done"):
+                self.report(f"a run {row['status']}: {row['reason']}")
+            self.rows = {row["key"]: row for row in rows}
         found = [{test: self.rows[each.key] for test, each in some.items()} for some in cases]
         if spacing == self.coarse:
             self.done |= {
@@ -201,8 +202,13 @@ def initial_values(scene: str, free: list[str], settings: dict) -> tuple[Scene, 
         )
     own = catalogue.build(scene, **settings).material
     built = catalogue.build(scene, **settings | {name: getattr(own, name, defaults[name]) for name in free})
-    initial = {name: getattr(built.material, name, None) for name in free}
+    initial, law = {name: getattr(built.material, name, None) for name in free}, type(built.material)
     for name, value in initial.items():
+        require(
+            name in numbers_of(law),
+            f"free = {name}: the law {law.__name__}, which the constants given choose, has only "
+            f"{', '.join(numbers_of(law))}",
+        )
         require(
             isinstance(value, float) and value > 0.0,
             f"{name} = {value}: is where the search begins; must be above 0",
