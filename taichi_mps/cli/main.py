@@ -133,10 +133,9 @@ def resume(arguments) -> int:
     state, remark = checkpoint.read_good(newest)
     if remark:
         print(f"taichi-mps: {remark}", file=sys.stderr)
-    settings = {key: value for key, value in state.header["settings"].items() if key not in GONE}
-    passed = state.header["time"]
+    kept, passed = state.header["settings"], state.header["time"]
     changed, remedy = given(arguments, Run, leave_out=KEPT_OPTIONS), given(arguments, Remedy)
-    options = Run(**{**settings, **changed})
+    options = Run(**{key: value for key, value in kept.items() if key not in GONE} | changed)
     state.header["numerics"].update(remedy)
     if arguments.until and options.until < passed - INSTANT:
         raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")
