@@ -182,6 +182,11 @@ FIVE = "0,20\n1,21\n2,22\n3,23\n4,24\n"
         ("time [s],slump flow [cm]\n" + FIVE, "--free consistency --critical-strain-rate 0.1", "has no such number"),
         ("time [s],slump flow [cm]\n" + FIVE, "--free time_offset", "free = time_offset: must be a constant"),
         ("time [s],slump flow [cm]\n" + FIVE, "--free friction_angle", "is where the search begins; must be above 0"),
+        (
+            "time [s],slump flow [cm]\n" + FIVE,
+            "--free yield_value,flow_index",
+            "the constants given choose, has only density,",
+        ),
         ("time [s],slump flow [cm]\n" + FIVE, "--free critical_strain_rate", "= None: is where the search begins"),
         ("\n", "", "is empty; must be a CSV file"),
         ("time [s],slump flow [kg]\n" + FIVE, "", "its unit must be m or one of that kind"),
