@@ -22,7 +22,7 @@ PREVIEW_MODELS = {  # {test with a preview: {keyword: value in the preview, None
 
 
 def wrong(error: Exception) -> dict[str, str]:
-    """What is wrong, by field; '' for what belongs to none."""
+    """Messages of an error by the fields that they belong to; '' for those of none."""
     return {key: plain(text) for key, text in getattr(error, "by_key", {"": str(error)}).items()}
 
 

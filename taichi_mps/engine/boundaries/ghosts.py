@@ -185,7 +185,7 @@ class GhostSums:
 
     @ti.func
     def after_other_face(self, i, f, g, fractions):
-        """What remains of these fractions of the sums of face f, for particle i, beside one other face g."""
+        """Fractions of the sums of face f that remain for particle i beside one other face g, of those before it."""
         remaining, cosine = fractions, ti.cast(0.0, float)
         z, across = self.face_geometry[i, f][0], self.face_geometry[i, g][0]
         for a in ti.static(range(self.dimension)):
