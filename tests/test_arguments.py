@@ -35,7 +35,7 @@ from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint, history, run_folder, vtkhdf, vtu
 from taichi_mps.study import calibrate, chart, emulator, mixes, require, sweep
 from taichi_mps.units import in_unit
-from taichi_mps.viz import plots, render
+from taichi_mps.viz import render
 from tests.support.recorded import recorded
 from tests.support.scenes import hose, parts
 
@@ -377,7 +377,6 @@ class Bench:
                 render.Renderer(self.scene, 64, 48).draw,
                 {"snapshot": s, "measures": {"slump_m": 0.1}},
             ),
-            "plots.filling": (plots.filling, {"cavity": self.cavity, "s": s, "out": "f.png"}),
             "sweep.values": (sweep.values, {"text": "50:100:3", "key": "values"}),
             "sweep.cases": (sweep.cases, study),
             "sweep": (

@@ -18,7 +18,7 @@ from ..io import lock
 from ..io.history import read_history
 from ..io.run_folder import MARKER_FILE, REPORT, RunFolder, next_free, read_json
 from ..report import inputs
-from ..report.sentences import LEADING, measured, measures, rows, sentences
+from ..report.sentences import LEADING, answer, closing, cost, measured, measures, rows
 from ..units import SceneError, plain, require
 from .jobs import Job, Queue
 
@@ -50,7 +50,7 @@ def summary_of(folder: RunFolder) -> dict:
     """Summary of a run; empty if it is missing or unreadable."""
     try:
         summary = folder.read_summary()
-        for words in (sentences, rows, mixes, given, end_of):
+        for words in (answer, cost, rows, mixes, given, end_of):
             words(summary)
         return summary
     except Exception:  # a folder may come from anybody
@@ -149,7 +149,7 @@ class Runs:
         """Details of a run."""
         folder = self.named(*asked.names[:1])
         summary = summary_of(folder)
-        texts = sentences(summary, folder.path) if summary else [f"It {NO_SUMMARY}."]
+        texts = [*answer(summary), *closing(summary, folder.path)] if summary else [f"It {NO_SUMMARY}."]
         texts += [str(summary["error"])] if summary.get("error") else []
         moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
         lines = [[text_of(cell) for cell in line] for line in (rows(summary) if summary else [])]
@@ -158,7 +158,6 @@ class Runs:
             "sentences": [text_of(text) for text in texts],
             "film": url(folder, str(moving.relative_to(folder.path))) if moving else None,
             "table": lines[:MAX_LINES] + more,
-            "filling": url(folder, folder.filling.name) if folder.filling.is_file() else None,
             "files": [[words, url(folder, name)] for name, words in SAVED.items() if (folder.path / name).is_file()],
         }
 

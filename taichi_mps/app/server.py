@@ -22,7 +22,7 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, S
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from ..io.run_folder import FILLING, PICTURE_NAME, REPORT, RunFolder, strict
+from ..io.run_folder import PICTURE_NAME, REPORT, RunFolder, strict
 from ..units import SceneError, plain
 from .form import wrong
 from .jobs import Queue
@@ -33,7 +33,7 @@ LOCALHOST = "127.0.0.1"
 REFUSED = "Only for this machine: type the address into the browser."
 STATIC = Path(__file__).with_name("static")
 MAX_REQUEST_BYTES = 100_000  # of a query
-SERVED_FILES = {"animation.gif", FILLING}  # files of a run that the page shows, besides PICTURE
+SERVED_FILES = {"animation.gif"}  # files of a run that the page shows, besides PICTURE
 PICTURE = re.compile(rf"frames/{PICTURE_NAME.pattern}")
 PAGE_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 COMMON_HEADERS = {

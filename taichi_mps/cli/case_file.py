@@ -8,7 +8,7 @@ from ..input.labels import OPTIONS, keyword_description
 from ..io.checkpoint import FORMS_OF_0_2
 from ..report.inputs import OMITTED, option
 from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of, user_path
-from .options import GONE, GROUPS, Run, group_of, is_tuple, suggested
+from .options import GROUPS, Run, group_of, is_tuple, suggested
 
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # keywords by the names of options
 SECTIONS = [group.split()[0] for group in GROUPS]
@@ -40,26 +40,6 @@ def case_text(source: str, problem, settings: dict) -> str:
         document.add(tomlkit.nl())
         document.add(name, table)
     return tomlkit.dumps(document)
-
-
-def changed_keys(path: Path, text: str) -> list[str]:
-    """List the keys of a case file, but those that are gone, whose values are not those of ``text``; "no TOML" where it
-    is none."""
-    import tomlkit
-
-    try:
-        given, known = (
-            {
-                key: value
-                for section in tomlkit.parse(case).unwrap().values()
-                if isinstance(section, dict)
-                for key, value in section.items()
-            }
-            for case in (path.read_text(encoding="utf-8"), text)
-        )
-    except ValueError:
-        return ["no TOML"]
-    return [key for key, value in given.items() if value != known.get(key) and (key in known or key not in GONE)]
 
 
 def keywords(function, numerics) -> dict:

@@ -19,6 +19,7 @@ from ..io.run_folder import RunFolder, next_free
 from ..io.vtkhdf import Trajectory
 from ..units import INSTANT, SceneError, plain, quote, require, suggestion, user_path
 from .case_file import NOT_IN_CASE, case_text, expand_case_file
+from .drawing import Drawing
 from .options import (
     BAD_INPUT,
     DONE,
@@ -37,14 +38,15 @@ from .options import (
     tell,
 )
 from .run import (
+    CASE,
     carry_out,
     complete,
     describe_run,
     make_clock,
-    print_result,
+    print_answer,
     redraw,
     require_slump,
-    start_taichi,
+    show_end,
 )
 from .study import COMMANDS as STUDY
 
@@ -101,15 +103,15 @@ def run(argv) -> int:
     if not options.out and folder.path != default:
         print(f"taichi-mps: {plain(default)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
     folder.check(options.overwrite)
-    with lock.held(folder.path):
+    with Drawing(folder, options, problem.scene) as drawing, lock.held(folder.path):
         if not (arguments.json or options.quiet):
             say(plain("\n".join(describe_run(problem, clock, options.verbose))))
-        start_taichi(options)
-        from ..engine import Simulation
+        from ..engine import Simulation, init
 
+        init(options.arch, options.precision, options.threads)
         sim = Simulation(problem, profile=options.profile)
         clock.begin("ready")
-        return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json, clock)
+        return carry_out(sim, folder, options, catalogue.source(arguments.scene), arguments.json, clock, drawing)
 
 
 def new(argv) -> int:
@@ -135,12 +137,12 @@ def resume(arguments) -> int:
         print(f"taichi-mps: {remark}", file=sys.stderr)
     kept, passed = state.header["settings"], state.header["time"]
     changed, remedy = given(arguments, Run, leave_out=KEPT_OPTIONS), given(arguments, Remedy)
-    options = Run(**{key: value for key, value in kept.items() if key not in GONE} | changed)
+    options = Run(**{key: value for key, value in kept.items() if key not in (*GONE, CASE)} | changed)
     state.header["numerics"].update(remedy)
     if arguments.until and options.until < passed - INSTANT:
         raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")
     folder.check_frames()
-    with lock.held(folder.path):
+    with Drawing(folder, options, scene_file=arguments.scene) as drawing, lock.held(folder.path):
         missing = folder.check_checkpoint(newest, state)
         summary = folder.summary_at(passed)
         limited = summary.get("stopped_by") == "time"
@@ -150,7 +152,10 @@ def resume(arguments) -> int:
             told = "; --until TIME goes on" if limited else ", it is at rest"
             told += f"; without effect: {unused}" if unused else ""
             print(plain(f"taichi-mps: run = {folder.path}: nothing left to compute{told}"), file=sys.stderr)
-            return complete(folder, summary, options, arguments.scene, arguments.json)
+            if not (arguments.json or options.quiet):
+                print_answer(summary, options.verbose)
+            complete(folder, drawing)
+            return show_end(summary, folder, options.quiet, arguments.json)
         scene = state.scene(options.until, arguments.scene)
         scene = replace(scene, until=options.until or scene.until)
         is_over = scene.until <= passed + INSTANT
@@ -159,7 +164,9 @@ def resume(arguments) -> int:
         )
         problem = state.admit(scene)
         clock = make_clock(problem, options)
-        start_taichi(options)
+        from ..engine import init
+
+        init(options.arch, options.precision, options.threads)
         sim = state.resume(problem, profile=options.profile)
         clock.begin("ready")
         if missing:
@@ -170,7 +177,7 @@ def resume(arguments) -> int:
         if remark:
             os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
         source = catalogue.source(arguments.scene or state.header["source"])
-        return carry_out(sim, folder, options, source, arguments.json, clock, resumed=changed | remedy)
+        return carry_out(sim, folder, options, source, arguments.json, clock, drawing, resumed=kept)
 
 
 @command(
@@ -188,7 +195,6 @@ def render(arguments) -> int:
     options = Pictures(**given(arguments, Pictures))
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
     replays = [Trajectory(folder.trajectory).checked_replay(arguments.scene) for folder in folders]
-    start_taichi(options)
     suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-beads" * options.beads
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
     files = redraw(replays, folders[0].path, suffix, options, arguments.film)
@@ -253,8 +259,8 @@ def info(arguments) -> int:
         facts = folder.read_summary()
         with suppress(Exception):  # of a folder that comes from anybody all that is there is shown
             if not arguments.json:
-                print_result(facts, folder, verbose=True)
-                return DONE
+                print_answer(facts, verbose=True)
+                return show_end(facts, folder, quiet=False, as_json=False)
     else:
         facts = {
             "version": __version__,

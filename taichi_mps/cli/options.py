@@ -30,9 +30,6 @@ from ..units import (
     unit_of,
 )
 
-EVERY_HELP = (
-    "time between pictures, by default a hundredth of the time limit, and of what falls to rest at most 0.3 sqrt(H/g)"
-)
 EXAMPLES = {
     "run": "run slump --yield-stress 500 --accuracy 5mm",
     "new": "new wall > case.toml",
@@ -59,9 +56,6 @@ GONE = {  # options of earlier versions by their keyword, and what there is inst
     **dict.fromkeys(("source", "gradient"), "the scheme semi-implicit has two forms, its own and --literal"),
     "pressure": "a mix that fills presses as a liquid; 'run wall --measure-pressure' tells it",
 }
-
-SCHEMES = Literal["implicit", "semi-implicit"]
-VIEWS = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
 
 
 DONE, BAD_INPUT, DIVERGED = 0, 2, 3  # exit codes; 128 plus the number of a signal that ended the command
@@ -112,10 +106,10 @@ def tell(arguments, facts, text) -> int:
 class Pictures(Checked):
     """Options of every command that draws."""
 
-    view: VIEWS = Field("concrete", description="what the pictures are coloured by")
+    view: Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"] = Field(
+        "concrete", description="what the pictures are coloured by"
+    )
     beads: bool = Field(False, description="show the particles, not the smooth surface")
-    arch: Literal["cpu", "cuda", "vulkan"] = Field("cpu", description="where to compute")
-    threads: Count | None = Field(None, description="processor cores to use, all of them by default")
 
 
 class Workers(Checked):
@@ -133,14 +127,21 @@ Caption = Annotated[str, AfterValidator(plain)]
 class Run(Pictures):
     """Options of run; a checkpoint keeps them for resume."""
 
-    scheme: SCHEMES = Field("implicit", description="numerical scheme")
+    arch: Literal["cpu", "cuda", "vulkan"] = Field("cpu", description="where to compute")
+    threads: Count | None = Field(None, description="processor cores to use, all of them by default")
+    scheme: Literal["implicit", "semi-implicit"] = Field("implicit", description="numerical scheme")
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")
     until: Duration | None = Field(None, description="time limit of the flow, the scene's own by default")
-    every: Duration | None = Field(None, description=EVERY_HELP)
+    every: Duration | None = Field(
+        None,
+        description="time between pictures, by default a hundredth of the time limit, and of what falls to rest at "
+        "most 0.3 sqrt(H/g)",
+    )
     title: Caption | None = Field(None, description="title of the report, by default the name of the test")
     note: Caption | None = Field(None, description="remark that stands in the report")
     out: str | None = Field(None, description="folder of the results, by default renders/<scene> or the next free name")
     overwrite: bool = Field(False, description="replace the run that is in the folder")
+    pictures: bool = Field(True, description="draw pictures, animation and report when the result is there")
     profile: bool = Field(False, description="show the time that each stage took")
     quiet: bool = Field(False, description="no progress and no result on the screen")
     verbose: bool = Field(

@@ -10,8 +10,8 @@ import time
 import warnings
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib.util import find_spec
 from itertools import chain
+from zlib import crc32
 
 from rich.console import Console
 from rich.markup import escape
@@ -23,28 +23,25 @@ from ..input.labels import title, written
 from ..io.run_folder import clear_pictures, next_free, write_whole
 from ..report.sentences import (
     LEADING,
+    answer,
     certainty,
+    closing,
     duration_by_part,
     duration_text,
     numerics,
     rows,
-    sentences,
     thin_solids,
 )
 from ..spelling import size
 from ..units import SceneError, plain, require
-from .case_file import NOT_IN_CASE, case_text, changed_keys
+from .case_file import NOT_IN_CASE, case_text
 from .options import DIVERGED, DONE, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
 
+# what would end where a run ended that goes on; the last two are of version 0.2
+ENDING = "report.html", "animation.gif", "slump.png", "history.png"
+CASE = "case"  # among the settings in a checkpoint: checksum of case.toml as it was written
 IMPORTED = time.process_time()  # [s] that the import of the command line took, by which the clock knows the machine
-
-
-def start_taichi(options) -> None:
-    """Start Taichi."""
-    from ..engine import init
-
-    init(options.arch, getattr(options, "precision", "f32"), options.threads)
 
 
 def make_clock(problem, options):
@@ -82,13 +79,11 @@ def require_slump(scene) -> None:
         require(not math.isnan(slump), f"spacing = {scene.spacing:g} m: {why}")
 
 
-def carry_out(sim, folder, options, source, as_json, clock, resumed=None) -> int:
+def carry_out(sim, folder, options, source, as_json, clock, drawing, resumed=None) -> int:
     """Run to the end, to an interrupt or a divergence, and leave a complete run folder in each case. resumed: the
-    options of ``resume``."""
+    settings in the checkpoint of a run that goes on."""
     from ..engine import DivergedError
     from ..io.recorder import Recorder
-    from ..viz.film import SideBySide
-    from ..viz.render import gif
 
     until = sim.scene.until
     settings = options.model_copy(update={"every": clock.every}).model_dump(exclude=NOT_IN_CASE, exclude_none=True)
@@ -100,68 +95,69 @@ def carry_out(sim, folder, options, source, as_json, clock, resumed=None) -> int
         if resumed is None:
             folder.create(options.overwrite)
         else:
-            keep_edited(folder, case, resumed)
-            for name in ("slump.png", "history.png"):  # of version 0.2, which would end where that run ended
+            keep_edited(folder.case, resumed.get(CASE))
+            for name in ENDING:
                 (folder.path / name).unlink(missing_ok=True)
         write_whole(folder.case, case)
-        draw = SideBySide([sim.scene], folder.frames, options).draw
-        recorder = Recorder(folder, sim, clock.every, source, settings, draw)
+        settings |= {CASE: crc32(folder.case.read_bytes())}
+        recorder = Recorder(folder, sim, clock.every, source, settings, drawing.submit)
         try:
             with progress(sim, recorder, quiet, options.verbose, clock):
                 stopped_by = sim.run() if sim.time < until - 1e-9 else "time"
         except DivergedError as failure:
             stopped_by, error = failure.stopped_by, str(failure)
-    clock.begin("pictures")
-    summary = recorder.finish(stopped_by, error)
-    if folder.pictures:
-        gif(folder.pictures, folder.animation, every=sim.time / max(len(folder.pictures) - 1, 1))
     clock.begin("report")
-    write_report(folder, sim.scene)
-    if sim.scene.cavity and find_spec("matplotlib"):
-        from ..viz.plots import filling
-
-        filling(sim.scene.cavity, sim.snapshot(), folder.filling)
+    summary = recorder.finish(stopped_by, error)
+    if not quiet:
+        print_answer(summary, options.verbose, sim.profile())
+    complete(folder, drawing)
     summary |= clock.finish()
     folder.write_summary(summary)
-    folder.clock.unlink(missing_ok=True)
-    code = show_result(summary, folder, options, as_json, sim.profile())
+    code = show_end(summary, folder, quiet, as_json)
     return 128 + signals[0] if stopped_by == "interrupted" else code
 
 
-def complete(folder, summary, options, scene_file, as_json) -> int:
-    """Make only what is missing of a run that has ended, as of one killed before its report: animation and report; and
-    show its result."""
-    from ..viz.render import gif
+def complete(folder, drawing) -> None:
+    """Make what is missing of a run that has ended: pictures, animation, report."""
+    from ..report.page import write
 
-    if folder.pictures and not folder.animation.is_file():
-        every = summary["simulated_seconds"] / max(len(folder.pictures) - 1, 1)
-        gif(folder.pictures, folder.animation, every=every)
-    if not folder.report.is_file():
-        write_report(folder, scene_file=scene_file)
+    if drawing.options.pictures:
+        with optional("more pictures"):
+            drawing.finish()
+        if not folder.report.is_file():
+            with optional(folder.report.name):
+                write(folder, drawing.scene, drawing.scene_file)
     folder.clock.unlink(missing_ok=True)
-    return show_result(summary, folder, options, as_json)
 
 
-def show_result(summary, folder, options, as_json, stages=()) -> int:
-    """Print the result of a run, and its error if it has one; return the exit code."""
-    if as_json:
-        say(json.dumps(summary))
-    elif not options.quiet:
-        print_result(summary, folder, options.verbose, stages)
+@contextmanager
+def optional(what: str):
+    """Context for what the result does not need: a failure is one line."""
+    try:
+        yield
+    except Exception as error:
+        print(f"taichi-mps: no {what}: {plain(error)}", file=sys.stderr)
+
+
+def show_end(summary, folder, quiet, as_json) -> int:
+    """Print what a run cost and where it lies, or all of it ``as_json``, and its error if it has one; return the exit
+    code."""
+    if as_json or not quiet:
+        say(json.dumps(summary) if as_json else "\n".join(closing(summary, folder.path)))
     if "error" not in summary:
         return DONE
     print(f"taichi-mps: {plain(summary['error'])}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
     return DIVERGED
 
 
-def keep_edited(folder, case: str, changed) -> None:
-    """Keep a case.toml that was edited after the run had written it: a resumed run goes on as it began."""
-    edited = [key for key in changed_keys(folder.case, case) if key not in changed] if folder.case.is_file() else []
-    if edited:
-        kept = next_free(folder.case.with_name("case.edited.toml"))
-        os.replace(folder.case, kept)
-        told = f"edited ({', '.join(edited)}); the run goes on as it began, the file is now {kept}"
-        print(plain(f"taichi-mps: case = {folder.case}: {told}"), file=sys.stderr)
+def keep_edited(file, written: int | None) -> None:
+    """Keep a case.toml that is not the one with this checksum, as the run had written it: a resumed run goes on as it
+    began."""
+    if file.is_file() and crc32(file.read_bytes()) != written:
+        kept = next_free(file.with_name("case.edited.toml"))
+        os.replace(file, kept)
+        told = "has been edited; the run goes on as it began, the file is now"
+        print(plain(f"taichi-mps: case = {file}: {told} {kept}"), file=sys.stderr)
 
 
 @contextmanager
@@ -238,8 +234,9 @@ def progress(sim, recorder, quiet, verbose, clock):
             text = f"{sim.time:.2f} of about {now['end_s']:.3g} s{moved}"
             if verbose:
                 r = sim.report
-                text += f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.outer_iterations}"
-                text += f"/{r.solver_iterations}"
+                text += (
+                    f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.outer_iterations}/{r.solver_iterations}"
+                )
             bar.update(task, completed=now["share"], description=text, left=f", {duration_text(now['left_s'])} left")
             recorder.folder.tell(now | {"measures": recorder.measures})
 
@@ -247,12 +244,12 @@ def progress(sim, recorder, quiet, verbose, clock):
         yield
 
 
-def print_result(summary: dict, folder, verbose=False, stages=()) -> None:
+def print_answer(summary: dict, verbose=False, stages=()) -> None:
     """Print the result: sentences, then each number with its meaning; the numerics with ``verbose`` or ``stages``."""
     console = Console(highlight=False)
     console.width = max(console.width, 40)  # columns
     with console.capture() as text:  # rich ends the program with 1 where nobody reads
-        for sentence in sentences(summary, folder.path):
+        for sentence in answer(summary):
             console.print(sentence, markup=False)
         shown = Table(show_header=False, box=None)
         for name, value, what in rows(summary):
@@ -274,13 +271,3 @@ def numerics_table(summary: dict, stages) -> Table:
         once = "an iteration" if stage == "solve" else "a call"
         shown.add_row(f"stage {stage}", f"{seconds:.2f} s, {seconds / whole:.0%}, {1e3 * each:.3f} ms {once}")
     return shown
-
-
-def write_report(folder, scene=None, scene_file=None) -> None:
-    """Write report.html. A failure prints one line and does not end the run."""
-    from ..report.page import write
-
-    try:
-        write(folder, scene, scene_file)
-    except (SceneError, OSError) as error:
-        print(f"taichi-mps: no report.html: {plain(error)}", file=sys.stderr)

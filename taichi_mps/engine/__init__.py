@@ -46,7 +46,7 @@ _OUTWARD = {
     # the run
     "particles.neighbors": ["CapacityError"],
     "particles.particles": ["DUMMY", "FLUID", "WALL"],
-    "runtime.backend": ["compiled_before", "init", "require_room", "session", "ti"],
+    "runtime.backend": ["compiled_before", "init", "require_room", "session"],
     "schemes.step_report": ["DOUBTFUL_VOLUME_ERROR", "DivergedError", "DomainError", "StepReport", "UnmeasuredError"],
     "simulation.frame": ["Frame", "interpolate"],
     "simulation.simulation": ["Simulation"],

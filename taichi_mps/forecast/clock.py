@@ -8,6 +8,7 @@ then the geometric mean of these and of the steps of that decay, as with the ste
 """
 
 import math
+import os
 import time
 
 import numpy as np
@@ -15,14 +16,13 @@ import numpy as np
 from ..engine import ONE_THREAD_BELOW_ROWS, compiled_before, particles_of
 from .cost import cost_of
 
-PARTS = "start", "ready", "flow", "pictures", "report"  # of a run, one after the other
-START, REPORT = 1.0, 0.5  # [s]: Python, Taichi and the scene; the page, of a small body
+PARTS = "start", "ready", "flow", "report"  # of a run, one after the other
+START, REPORT = 1.0, 0.8  # [s]: Python, Taichi and the scene; last pictures, animation and page, of a small body
 IMPORT = 0.32  # [s] of the processor, of START, for the import of the command line: inferred from runs on an Intel Xeon
 MAX_SLOWNESS = 4.0  # of a machine; beyond it the process has done more than import the command line
 READY = {False: 2.0, True: 2.3}  # [s] of the first step, in space or not, with kernels compiled before
 COMPILING = {False: (2.8, 0.2), True: (2.8, 0.9)}  # [s] with kernels compiled anew, and more for each wall
 ROW = 4e-3  # [s] of the measures and the row of a step
-PICTURE, FILM = 0.17, 0.3  # [s] of a picture, of animation and curves
 TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
 TRUSTED = 0.05  # share of a flow that tells as much about it as the forecast
 REMAINING_SHARE = 0.1  # share of the time or the steps taken that is still expected where too little was told
@@ -58,15 +58,14 @@ class Clock:
         if not self.cold:  # which of these kernels is among those compiled is not known
             ready = math.sqrt(ready * READY[in_space])
         flow = self.cost.cpu_seconds / self.threads**TEAM_EXPONENT + ROW * self.cost.steps
-        pictures = PICTURE * (min(self.cost.steps, self.cost.end / every) + 1.0)
         slowness = imported / IMPORT if imported / IMPORT < MAX_SLOWNESS else 1.0
-        seconds = START, ready, flow + pictures, FILM, REPORT
+        seconds = START, ready, flow, REPORT
         self.expected = {part: slowness * usual for part, usual in zip(PARTS, seconds, strict=True)}
         self.measured = dict.fromkeys(PARTS, 0.0)
         self.part, self.first, self.last_answer = PARTS[0], (0, 0.0), 0.0
         self.begun = self.since = time.monotonic() if begun is None else begun
         self.expected["start"] = max(self.expected["start"], time.monotonic() - self.begun)  # a solid takes longer
-        self.cpu_begun = time.process_time() if begun is None else 0.0
+        self.cpu_begun = sum(os.times()[:4]) if begun is None else 0.0
 
     @property
     def whole(self) -> float:
@@ -107,9 +106,9 @@ class Clock:
         return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}
 
     def finish(self) -> dict:
-        """Entries of summary.json about the time of a run."""
+        """Entries of summary.json about the time of a run, with that of its other processes."""
         self.begin(PARTS[-1])
-        whole = sum(self.measured.values()), time.process_time() - self.cpu_begun
+        whole = sum(self.measured.values()), sum(os.times()[:4]) - self.cpu_begun
         return {"seconds_by_part": self.measured, "all_wall_seconds": whole[0], "all_cpu_seconds": whole[1]}
 
 

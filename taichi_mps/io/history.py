@@ -2,13 +2,12 @@
 
 import csv
 import io
-import math
 import os
 from pathlib import Path
 
 import numpy as np
 
-from ..units import File, ordinary, require, user_path, validated
+from ..units import File, SceneError, ordinary, require, user_path, validated
 
 COLUMN_MEANINGS = {
     "time_s": "time at the end of the step [s]",
@@ -39,6 +38,7 @@ COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the sc
 NAMES_OF_0_2 = {"viscous_iterations": "outer_iterations", "pressure_iterations": "solver_iterations"}
 RESIDUALS = "strain_rate_residual", "divergence_residual"  # columns that runs of version 0.2 lack
 CHECKSUM_OF_0_2 = "crc32"  # last column of version 0.2
+NOTHING = "nan"  # what an empty cell stands for
 MAX_BYTES = 3e8  # a million rows, in seconds
 
 
@@ -59,7 +59,7 @@ class History:
     def __init__(self, path, kept: float | None = None):
         self.path = user_path(path)
         rows = [] if kept is None or not self.path.is_file() else read_rows(path)
-        rows = [row for row in rows if number(row["time_s"]) <= kept * (1 + 1e-8)]  # times have nine digits
+        rows = [row for row in rows if float(row["time_s"]) <= kept * (1 + 1e-8)]  # times have nine digits
         self.empty = not rows
         self._rewrite(rows[0] if rows else COLUMNS, rows)
 
@@ -170,7 +170,12 @@ def read_rows(path) -> list[dict[str, str]]:
     wrong = next((k for k, cells in enumerate(rows, 1) if len(cells) != len(columns)), None)
     require(wrong is None, f"{path}: damaged, row {wrong} has another number of cells than there are columns")
     rows = [dict(zip(columns, cells, strict=True)) for cells in rows]
-    return [{name: cell for name, cell in row.items() if name != CHECKSUM_OF_0_2} for row in rows]
+    rows = [{name: cell for name, cell in row.items() if name != CHECKSUM_OF_0_2} for row in rows]
+    try:
+        _ = [float(cell or NOTHING) for row in rows for cell in row.values()]
+    except ValueError as error:
+        raise SceneError(f"{path}: damaged, {error}") from None
+    return rows
 
 
 @validated
@@ -202,23 +207,4 @@ def read_history(path: File) -> dict[str, np.ndarray]:
     """
     require(Path(path).is_file(), f"run = {Path(path).parent}: holds no history.csv; must be the folder of a run")
     rows = read_rows(path)
-    return {key: np.array([number(row[key]) for row in rows]) for key in (rows[0] if rows else COLUMNS)}
-
-
-def number(text) -> float:
-    """Convert a cell of a table to a number.
-
-    Parameters
-    ----------
-    text : str
-        Cell.
-
-    Returns
-    -------
-    float
-        Number, nan where it is none.
-    """
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return math.nan
+    return {key: np.array([row[key] or NOTHING for row in rows], float) for key in (rows[0] if rows else COLUMNS)}

@@ -1,4 +1,4 @@
-"""Recorder of a run in progress: history, trajectory, pictures, checkpoints, summary."""
+"""Recorder of a run in progress: history, trajectory, checkpoints, summary."""
 
 import time
 from datetime import datetime
@@ -15,15 +15,15 @@ CHECKPOINT_COST = 0.02  # fraction of the time that a run takes, spent on checkp
 
 
 class Recorder:
-    """Records a run in progress: history every step, run.h5 and a picture every ``every`` [s], a checkpoint at the
-    start and then so often that it costs at most CHECKPOINT_COST of the time.
+    """Records a run in progress: history every step, an output in run.h5 every ``every`` [s], a checkpoint at the start
+    and then so often that it costs at most CHECKPOINT_COST of the time.
 
-    ``settings``: options of the run that ``resume`` needs; ``picture(number, sim)`` draws one output.
+    ``settings``: options of the run that ``resume`` needs; ``notify()`` is called after each output.
     """
 
-    def __init__(self, folder: RunFolder, sim, every: float, source: str, settings: dict, picture=None):
+    def __init__(self, folder: RunFolder, sim, every: float, source: str, settings: dict, notify=None):
         self.folder, self.sim, self.source, self.settings, self.every = folder, sim, source, settings, every
-        self.picture = picture
+        self.notify = notify
         self.trajectory = Trajectory(folder.trajectory)
         self.measures = sim.measures()  # of the last step
         resumed = sim.steps > 0 and folder.trajectory.is_file()
@@ -33,8 +33,9 @@ class Recorder:
         if resumed:
             if sim.time < sim.scene.until - 1e-9:  # a finished run keeps its last output
                 outputs = self.trajectory.cut(sim.time, every)
-                for extra in folder.pictures[outputs:]:
-                    extra.unlink()
+                for extra in folder.pictures:
+                    if int(extra.stem.removeprefix("frame_")) >= outputs:
+                        extra.unlink()
         else:
             self.trajectory.create(sim, source, every)
         if self.history.empty:
@@ -67,14 +68,14 @@ class Recorder:
                 self._save()
 
     def record_output(self, frame) -> None:
-        """Write a frame into run.h5 and draw its picture."""
+        """Write a frame into run.h5."""
         if self.sim.steps == self.first_step and not is_output_time(frame.time, self.every):
             return  # a run resumed between two outputs has no output at its start
         number = self.trajectory.append(frame.snapshot())
         if number is not None:
             self.last_checkpoint = self._checkpoint()
-            if self.picture:
-                self.picture(number, frame)
+            if self.notify:
+                self.notify()
 
     def finish(self, stopped_by: str, error: str | None = None) -> dict:
         """Write the checkpoint (after a divergence the last good one) and the summary, and return the summary."""

@@ -31,10 +31,11 @@ RUN_FILES = (
     "checkpoint.partial",
     "run.twin1",
     "run.twin2",
-    "slump.png",  # like history.png, which 0.2 wrote
+    "slump.png",  # like the next two, which 0.2 wrote
     "history.png",
+    "filling.png",
 )
-REPORT, FILLING = "report.html", "filling.png"
+REPORT = "report.html"
 CLOCK_FILE = "clock.json"  # while a run goes on: seconds passed and left of it, and its measures
 ENDED = "rest", "time", "unyielded"  # values of ``stopped_by`` of a run that has come to its end
 PICTURE_NAME = re.compile(r"frame_\d{5,}\.png")
@@ -68,7 +69,6 @@ class RunFolder:
         self.checkpoint = self.path / "checkpoint.h5"
         self.animation = self.path / "animation.gif"
         self.report = self.path / REPORT
-        self.filling = self.path / FILLING
         self.clock = self.path / CLOCK_FILE
 
     @property
@@ -167,7 +167,7 @@ class RunFolder:
         with writing("out", self.path, " folder"):
             self.path.mkdir(parents=True, exist_ok=True)
             self.mark()
-            for name in (*RUN_FILES, REPORT, FILLING, CLOCK_FILE):
+            for name in (*RUN_FILES, REPORT, CLOCK_FILE):
                 (self.path / name).unlink(missing_ok=True)
             clear_pictures(self.frames)
 

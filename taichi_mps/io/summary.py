@@ -8,8 +8,6 @@ from ..forecast import accuracy
 from ..input.labels import in_words, is_measure, mix_in_words, title, written
 from ..units import quote
 
-SLUMP = "slump_m"
-
 
 class Summary(dict):
     """Content of summary.json, that prints as a table, in a notebook, too."""
@@ -40,7 +38,7 @@ def entry(key: str, value) -> tuple[str, str]:
 def summary(sim) -> Summary:
     """Everything that describes the run, JSON-ready."""
     facts = sim.facts() | {"version": __version__}
-    found = accuracy.errors_of_run(facts) if SLUMP in facts else None
+    found = accuracy.errors_of_run(facts) if "slump_m" in facts else None
     if found:
         _, height, error = found  # None beyond the measured ones
         facts["slump_expected_error_m"] = height * error.slump if error else None

@@ -1,6 +1,7 @@
 "use strict";
 /* Curves as SVG, which are sharp in print; a pointer reads them. */
 const COLOURS = ["#1f6fb5", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35"];
+const FILLED = [[184, 50, 63], [240, 201, 168], [154, 161, 169]]; // nothing, half, all
 const element = (id) => document.getElementById(id);
 
 function svg(name, attributes = {}, text) {
@@ -78,16 +79,37 @@ function chart({ unit, curves, along = "time [s]", title }, place) {
   place.append(drawing);
 }
 
-/* The section at the end: particles and the surface, to scale. */
-function cross(section, place) {
-  const cm = (values) => values.map((value) => (value === null ? null : 100 * value));
-  const [across, up, line] = [cm(section.across), cm(section.up), section.surface.map(cm)];
-  const [x0, x1] = span([across]), [, high] = span([up]), low = Math.min(0, span([up])[0]);
+/* A frame of equal scales. */
+function scaled(place, [x0, x1], [low, high], axes) {
   const wide = Math.min(760, Math.max(340, place.clientWidth)), tall = Math.max(110, Math.min(420, ((wide - 56) * (high - low)) / (x1 - x0))) + 60;
   const spare = (((tall - 60) / (high - low)) * (x1 - x0)) / (wide - 56), more = Math.max(0, ((1 / spare - 1) * (x1 - x0)) / 2);
-  const { drawing, x, y } = frame(wide, tall, [x0 - more, x1 + more], [low, high], ...section.axes);
+  return frame(wide, tall, [x0 - more, x1 + more], [low, high], ...axes);
+}
+
+const cm = (values) => values.map((value) => (value === null ? null : 100 * value));
+
+/* The section at the end: particles and the surface. */
+function cross(section, place) {
+  const [across, up, line] = [cm(section.across), cm(section.up), section.surface.map(cm)];
+  const { drawing, x, y } = scaled(place, span([across]), [Math.min(0, span([up])[0]), span([up])[1]], section.axes);
   drawing.append(svg("path", { d: path(across, up, x, y), class: "particles" }));
   drawing.append(svg("path", { d: path(...line, x, y), fill: "none", stroke: "#c43e26", "stroke-width": 2 }));
   place.append(drawing);
   element("plane").textContent = `Equal scales. ${section.place[0].toUpperCase()}${section.place.slice(1)}${line[0].length ? "; red: the surface" : ""}.`;
+}
+
+/* What of a form is filled, from red (empty) to grey. */
+function filled({ low, high, rows }, place) {
+  const picture = document.createElement("canvas"), [wide, tall] = [rows[0].length, rows.length];
+  [picture.width, picture.height] = [wide, tall];
+  const pen = picture.getContext("2d"), image = pen.createImageData(wide, tall), [[left, bottom], [right, top]] = [cm(low), cm(high)];
+  rows.forEach((row, k) => row.forEach((share, i) => {
+    const [a, b, part] = share < 0.5 ? [FILLED[0], FILLED[1], 2 * share] : [FILLED[1], FILLED[2], 2 * share - 1];
+    if (share !== null) image.data.set([...a.map((value, c) => value + part * (b[c] - value)), 255], 4 * ((tall - 1 - k) * wide + i));
+  }));
+  pen.putImageData(image, 0, 0);
+  const { drawing, x, y } = scaled(place, [left, right], [bottom, top], ["along the form [cm]", "height [cm]"]);
+  drawing.append(svg("image", { x: x(left), y: y(top), width: x(right) - x(left), height: y(bottom) - y(top), href: picture.toDataURL(), preserveAspectRatio: "none", style: "image-rendering: pixelated" }));
+  place.append(drawing);
+  element("plane").textContent += " Below: what is filled through the thickness; grey: all, red: nothing.";
 }

@@ -1,4 +1,5 @@
-"""Data of the report's drawings for JSON: film of the body, walls around it, curves, and the section at the end."""
+"""Data of the report's drawings for JSON: film of the body, walls around it, curves, the section at the end, and what
+is filled of a form."""
 
 import base64
 import re
@@ -50,6 +51,7 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
         "outline": polyline_coordinates(outline),
         "charts": charts(run.history) + profiles(run.summary),
         "section": section(last, scene),
+        "filling": filling(last, scene.cavity),
     }
 
 
@@ -76,7 +78,10 @@ def charts(history: dict) -> list[dict]:
 
 
 def profiles(summary: dict) -> list[dict]:
-    """Chart of the pressures that a scene measures at several heights: height [cm] against pressure [kPa]."""
+    """Charts of height [cm]: against the pressure [kPa] that a scene measures at several heights, and against what is
+    filled there [%]."""
+    layers = np.reshape(summary.get("filled_by_height") or [], (-1, 2))
+    filled = [curve("filled", 100.0 * layers[:, 1], 100.0 * layers[:, 0])] * bool(len(layers))
     found = [(AT_HEIGHT.fullmatch(key), value) for key, value in summary.items()]
     found = sorted((m[1], float(m[2]), value) for m, value in found if m and value is not None)
     curves = []
@@ -84,7 +89,11 @@ def profiles(summary: dict) -> list[dict]:
         _, height, pressure = zip(*some, strict=True)
         if len(height) > 1:
             curves.append(curve(in_words(name), 1e-3 * np.array(pressure), 0.1 * np.array(height)))
-    return [{"unit": "cm", "along": "pressure [kPa]", "title": "height [cm]", "curves": curves}] if curves else []
+    return [
+        {"unit": "cm", "along": along, "title": "height [cm]", "curves": some}
+        for along, some in (("pressure [kPa]", curves), ("filled [%]", filled))
+        if some
+    ]
 
 
 def curve(name: str, x, y) -> dict:
@@ -143,6 +152,17 @@ def middle_section(part: Snapshot, scene):
     x = embed(whole.x)
     near = np.abs(x[:, 1] - middle) < SECTION_HALF_WIDTH * part.spacing
     return x[near][:, [0, 2]], whole.size[near], middle
+
+
+def filling(part: Snapshot, cavity) -> dict | None:
+    """Filled fraction of a form through its thickness, in the plane of the form itself: ``rows`` of cells from the
+    lowest on, None where there is no room, between the corners ``low`` and ``high`` [m]; None without a form."""
+    if cavity is None:
+        return None
+    room, filled = (cells.sum(1) if cells.ndim == 3 else cells for cells in (cavity.cells, cavity.filled(part)))
+    fraction = np.where(room > 0, filled / np.maximum(room, 1), np.nan)
+    ends = {"low": [cavity.low[0], cavity.low[-1]], "high": [cavity.high[0], cavity.high[-1]]}
+    return ends | {"rows": [rounded(row) for row in fraction.T]}
 
 
 # ---- the film ----------------------------------------------------------------------------------------------------

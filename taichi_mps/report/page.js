@@ -181,6 +181,7 @@ async function begin() {
 async function write() {
   data.charts.forEach((each) => chart(each, element("charts")));
   cross(data.section, element("section"));
+  if (data.filling) filled(data.filling, element("section"));
   try {
     await begin();
   } catch (error) { // without WebGL or DecompressionStream the picture stays

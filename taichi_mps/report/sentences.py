@@ -28,25 +28,23 @@ MEASURED = "slump_m", "spread_m"  # measures that are columns of every history
 # Bingham fluid with tau_y D/(eta U) = 10 [%]: beside the exact drag, and beside bars four particles thick, in square
 # arrays 8 to 20 bars wide (tests/boundaries/test_thin_bars.py)
 THIN, TOO_LITTLE, TOO_MUCH = (0.4, 0.64, 1.0), (5.0, 11.0, 10.0), (31.0, 15.0, 6.0)
-PARTS = {"ready": "making ready", "pictures": "last pictures"}  # names of parts of a run other than their keys
+PARTS = {
+    "ready": "making ready",
+    "pictures": "last pictures",
+    "report": "pictures and report",
+}  # names of parts of a run other than their keys
 
 
-def sentences(summary: dict, folder=None) -> list[str]:
-    """Sentences on a run: its results, the reason of its end, doubts, expected errors, cost and, with a ``folder``, its
-    place."""
-    found = [
-        measured(summary),
-        ending(summary),
-        *doubts(summary),
-        *thin_solids(summary),
-        certainty(summary),
-        cost(summary),
-    ]
-    if folder is not None:
-        found.append(f"Pictures and results lie in {plain(folder)}.")
-        if (Path(folder) / "report.html").is_file():
-            found.append("Open report.html there: film, curves and all numbers on one page.")
-    return found
+def answer(summary: dict) -> list[str]:
+    """Sentences on the flow of a run: its results, the reason of its end, doubts, expected errors."""
+    return [measured(summary), ending(summary), *doubts(summary), *thin_solids(summary), certainty(summary)]
+
+
+def closing(summary: dict, folder) -> list[str]:
+    """Sentences on the cost of a run, and on what lies in its folder."""
+    page = "Open report.html there: film, curves and all numbers on one page."
+    shown = [page] if (Path(folder) / "report.html").is_file() else []
+    return [cost(summary), f"Pictures and results lie in {plain(folder)}.", *shown]
 
 
 def measured(summary) -> str:

@@ -1,6 +1,7 @@
 """Constants of a law from measured curves: least squares on the logarithms of the constants, by a regression over runs
 of the scene near the best point; the regression averages their scatter."""
 
+from functools import partial
 from itertools import combinations_with_replacement
 from time import monotonic
 
@@ -25,15 +26,11 @@ SEARCH_FACTOR = 100.0  # largest factor between a constant and its initial value
 START_FACTORS = 1.0, 0.1, 0.3, 3.0, 10.0  # of all constants at once, run first
 RUN_STEP = 0.4  # of the logarithm of a constant, between runs; particles scatter more than smaller steps
 RADIUS = 1.5 * RUN_STEP  # in the logarithms, within which runs enter the regression
+RUN = partial(run, samples=SAMPLES)  # of a case, to its end: its row, with its measures over time in ``course``
 MAX_ITERATIONS, MAX_CORRECTIONS = 10, 2  # regressions by coarse runs, and by these and a finer one
 TOLERANCE = 0.05  # change of the logarithms that ends them
 RELATIVE_ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
 MAX_DISTANCE = 0.1  # of points beyond all runs, over the largest value of their measure
-
-
-def run_with_history(case: Case) -> dict:  # Slurm's workers import it by name
-    """Run a case to its end and return its row, with its measures over time in ``course``, {name: values}."""
-    return run(case, SAMPLES)
 
 
 class Runs:
@@ -85,7 +82,7 @@ class Runs:
         before = len(self.planned)
         self.planned |= {each.key: each for some in cases for each in some.values()}
         if len(self.planned) > before:
-            rows = run_cases(list(self.planned.values()), self.folder, run_with_history, self.pool)
+            rows = run_cases(list(self.planned.values()), self.folder, RUN, self.pool)
             for row in (row for row in rows[before:] if row["status"] != "done"):
                 self.report(f"a run {row['status']}: {row['reason']}")
             self.rows = {row["key"]: row for row in rows}

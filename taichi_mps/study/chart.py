@@ -1,13 +1,16 @@
-"""Charts of studies, calibrations and forms; ``slump_chart`` is the one to hang up in a laboratory."""
+"""Charts of studies, calibrations and forms; ``slump_chart`` is the one to hang up in a laboratory. Matplotlib is the
+optional extra ``plots``."""
 
+import os
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from ..input import catalogue
 from ..input.labels import in_words, title, unit_of_measure
-from ..units import Picture, Place, SceneError, quote, unit_of, validated
-from ..viz.plots import COLOURS, _figure, _save
+from ..units import Picture, Place, SceneError, quote, unit_of, validated, writing
 from .calibrate import CONE_RESULTS
 from .curves import SHEAR_RATES
 from .emulator import DENSITY, emulator_of
@@ -15,6 +18,13 @@ from .mixes import VERDICTS
 from .require import fills
 from .tables import measures
 
+COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
+STYLE = {
+    "font.size": 11, "axes.titlesize": 12, "axes.labelsize": 11, "axes.edgecolor": "#6b727a", "axes.linewidth": 0.8,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#e3e6ea",
+    "grid.linewidth": 0.8, "axes.axisbelow": True, "lines.linewidth": 1.8, "lines.solid_capstyle": "round",
+    "xtick.color": "#4a5058", "ytick.color": "#4a5058", "figure.dpi": 100,
+}  # fmt: skip
 VISCOSITIES = (20.0, 50.0, 200.0)  # of the engine's curves [Pa s]
 FORMULAS = {  # column of the reference: authors, and the range of slumps [mm] in which the formula is valid
     "s_MurataKikukawa_mm": ("Murata and Kikukawa 1992", (10.0, 300.0)),
@@ -28,11 +38,35 @@ HERE = Path(__file__).parent
 GREY = {"color": "#777f88", "lw": 1.3}  # of formulas
 
 
+def _figure(width, height, columns=1, **options):
+    """Make a figure and axes that need no display and no global state. MPLBACKEND is hidden from the import of
+    matplotlib, which fails if it names a backend that is not installed, as that of a notebook may be."""
+    backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
+    try:
+        import matplotlib
+        from matplotlib.figure import Figure
+    finally:
+        os.environ |= {"MPLBACKEND": backend} if backend else {}
+    if backend:
+        with suppress(ValueError):
+            matplotlib.rcParams["backend"] = backend
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        return figure, figure.subplots(1, columns, **options)
+
+
+def _save(figure, out):
+    with writing("out", out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(out, dpi=150, format="png")
+    return out
+
+
 def set_log_ticks(axis, low: float, high: float, values=()) -> None:
     """Set ticks at 1, 2 and 5 times powers of ten between two ends of a logarithmic axis or, where there are fewer than
     three of these, at given ``values``."""
-    ticks = [k * 10.0**power for power in range(-6, 7) for k in (1, 2, 5) if low <= 1.01 * k * 10.0**power]
-    ticks = [tick for tick in ticks if 0.99 * tick <= high]
+    round_ones = (k * 10.0**power for power in range(-6, 7) for k in (1, 2, 5))
+    ticks = [tick for tick in round_ones if low <= 1.01 * tick and 0.99 * tick <= high]
     ticks = sorted(values) if values and len(ticks) < 3 else ticks
     axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
     axis.set_ticks([], minor=True)

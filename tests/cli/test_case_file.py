@@ -1,5 +1,7 @@
 """A case file is equivalent to a command line: the same scene, numerics and options, and the same run bit by bit."""
 
+from zlib import crc32
+
 import pytest
 
 import taichi_mps as mps
@@ -99,7 +101,7 @@ def test_what_is_no_case_is_refused_in_one_line(tmp_path, text, message):
 def test_a_case_may_have_the_switch_for_curves_that_is_gone(tmp_path):
     path = tmp_path / "case.toml"
     path.write_text("scene = 'slump'\n[output]\nplots = true\nbeads = true\n", encoding="utf-8")
-    assert planned("run", [str(path)])[1].beads and case_file.changed_keys(path, "") == ["beads"]
+    assert planned("run", [str(path)])[1].beads
 
 
 @pytest.mark.parametrize(
@@ -137,24 +139,15 @@ def test_a_case_may_be_written_by_powershell_or_notepad_and_with_names_of_option
     assert planned("run", [str(tmp_path / "case.toml")])[2].scene.material.yield_value == 60.0
 
 
-@pytest.mark.parametrize(
-    ("edit", "changed", "told"),
-    [
-        (("", ""), {}, ""),
-        (("until = 0.02 ", "until = 0.5 "), {}, "edited (until)"),
-        (("until = 0.02 ", "until = 0.5 "), {"until": "0.02"}, ""),  # what a resume has changed
-        (("# critical_strain_rate = ", "critical_strain_rate = 0.1"), {}, "edited (critical_strain_rate)"),
-        (("[mix]", "[mix"), {}, "edited (no TOML)"),
-    ],
-)
-def test_a_case_that_was_edited_after_its_run_had_begun_is_kept_and_told(tmp_path, capsys, edit, changed, told):
+@pytest.mark.parametrize("edit", [("", ""), ("until = 0.02 ", "until = 0.5 "), ("[mix]", "[mix")])
+def test_a_case_that_was_edited_after_its_run_had_begun_is_kept_and_told(tmp_path, capsys, edit):
     """A resumed run writes the case of what it computes; an edited one stays beside it."""
     _, options, problem = planned("run", ["slump", *QUICK])
-    folder, text = RunFolder(tmp_path), case_file.case_text("slump", problem, options.model_dump())
+    path, text = tmp_path / "case.toml", case_file.case_text("slump", problem, options.model_dump())
     assert edit[0] in text
-    folder.case.write_text(text.replace(*edit), encoding="utf-8")
-    keep_edited(folder, text, changed)
-    err = capsys.readouterr().err
-    assert told in err and bool(err) == bool(told) == (not folder.case.is_file())
-    kept = folder.case if not told else tmp_path / "case.edited.toml"
+    path.write_bytes(text.replace(*edit).encode())
+    keep_edited(path, crc32(text.encode()))
+    is_edited = any(edit)
+    assert ("has been edited" in capsys.readouterr().err) is is_edited is (not path.is_file())
+    kept = tmp_path / "case.edited.toml" if is_edited else path
     assert kept.read_text(encoding="utf-8") == text.replace(*edit)

@@ -5,6 +5,7 @@ import json
 import os
 import random
 import re
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -82,6 +83,49 @@ def test_a_run_leaves_a_whole_folder_and_prints_only_json(whole):
     rows = read_history(folder / "history.csv")
     assert len(rows["time_s"]) == summary["steps"] + 1
     assert rows["front_m"][-1] == pytest.approx(summary["front_m"], rel=1e-6)
+
+
+FAILING = """
+import os, sys
+from taichi_mps.__main__ import entry
+from taichi_mps.viz import film
+draw, main = film.SideBySide.draw, os.getpid()
+def failing(self, number, *outputs):
+    if os.getpid() != main and number == 1:
+        os._exit(9)
+    if "--beads" in sys.argv:
+        raise ValueError("no ink")
+    return draw(self, number, *outputs)
+film.SideBySide.draw = failing
+entry()
+"""
+
+
+@pytest.mark.parametrize(("words", "pictures", "told"), [((), 3, ""), (["--beads"], 0, "no more pictures: no ink\n")])
+def test_the_answer_comes_first_and_stands_whatever_becomes_of_the_pictures(work, whole, words, pictures, told):
+    """The second process dies at its second picture, and this one draws the others; or none can be drawn."""
+    folder, command = RunFolder(work / f"failing{pictures}"), ["run", work / "blob.py", "--every", "0.05", *words]
+    code, out, err = done(work, "-c", FAILING, *command, "--out", folder.path)
+    at = [next(k for k, line in enumerate(out.splitlines()) if word in line) for word in ("Front", "It took", "Open")]
+    assert (code, at) == (0, sorted(at)) and err.replace("taichi-mps: ", "") == told
+    drawn = [path.read_bytes() for path in folder.pictures]
+    assert len(drawn) == pictures and drawn == [path.read_bytes() for path in RunFolder(whole[0]).pictures][:pictures]
+
+
+def test_what_is_missing_of_a_run_is_made_as_it_was(work, whole):
+    folder = RunFolder(shutil.copytree(whole[0], work / "cut"))
+    gone = folder.report, folder.animation, folder.pictures[1]
+    before = [path.read_bytes() for path in gone[1:]]
+    for path in gone:
+        path.unlink()
+    assert done(work, "-m", "taichi_mps", "resume", "cut", "--scene", "blob.py", "--quiet")[0] == 0
+    assert [path.read_bytes() for path in gone[1:]] == before and folder.report.is_file()
+
+
+def test_without_pictures_a_run_ends_at_the_answer(work, whole):
+    code, out, _ = done(work, "-m", "taichi_mps", "run", "blob.py", "--no-pictures", "--out", "bare", "--json")
+    assert code == 0 and json.loads(out)["front_m"] == json.loads(whole[2])["front_m"]
+    assert not list((work / "bare").rglob("*.html")) + list((work / "bare").rglob("*.[gp][in][fg]"))
 
 
 UNSEEN = """

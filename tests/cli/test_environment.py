@@ -12,7 +12,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
-from taichi_mps.cli import run as run_module
+from taichi_mps.engine.runtime import backend
 from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder, write_whole
@@ -160,7 +160,8 @@ def ended(tmp_path, monkeypatch):
     folder, sim, recorder = recorded(tmp_path / "run", 2)
     whole = sim.facts
     monkeypatch.setattr(sim, "facts", lambda: whole() | {"simulated_seconds": sim.time, "wall_seconds": 8.0})
-    folder.report.write_text("the page", encoding="utf-8")
+    for name in ("report.html", "animation.gif", *(f"frames/frame_{k:05d}.png" for k in range(3))):
+        (folder.path / name).write_text("the page", encoding="utf-8")
     folder.case.write_text("until = 0.02", encoding="utf-8")
     return folder, recorder.finish
 
@@ -187,17 +188,6 @@ def test_where_nothing_is_left_to_compute_it_is_told_and_all_files_stay(ended, c
     out, err = capsys.readouterr()
     assert err == f"taichi-mps: run = {folder.path}: nothing left to compute{told}\n"
     assert json.loads(out) == folder.read_summary() and contents(folder.path) == before
-
-
-def test_of_a_run_killed_before_its_report_only_what_is_missing_is_made(ended, monkeypatch):
-    folder, finish = ended
-    finish("time")
-    before = contents(folder.path)
-    folder.report.unlink()
-    folder.tell({})
-    monkeypatch.setattr(run_module, "write_report", lambda folder, **_: folder.report.write_text("the page"))
-    assert mps.main(["resume", str(folder.path), "--quiet"]) == 0
-    assert contents(folder.path) == before
 
 
 def test_an_earlier_run_is_read_without_the_options_that_are_gone(ended):
@@ -247,7 +237,7 @@ def test_a_checkpoint_without_its_run_is_refused_and_nothing_written(run, tmp_pa
 def test_missing_files_of_a_run_are_told_and_its_mark_is_made_again(run, capsys, monkeypatch, gone, told):
     for name in gone:
         (run.path / name).unlink()
-    monkeypatch.setattr(cli, "start_taichi", lambda options: None)
+    monkeypatch.setattr(backend, "init", lambda *_: None)
     monkeypatch.setattr(checkpoint.Checkpoint, "resume", lambda *_, **__: None)
     monkeypatch.setattr(cli, "carry_out", lambda *_, **__: 0)
     assert mps.main(["resume", str(run.path)]) == 0 and run.ours

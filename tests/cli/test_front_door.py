@@ -30,6 +30,7 @@ from taichi_mps.cli import run as console
 from taichi_mps.cli import study as commands
 from taichi_mps.engine.geometry.meshes import read_mesh
 from taichi_mps.engine.problem.numerics import NUMERICS
+from taichi_mps.engine.runtime import backend
 from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder
@@ -60,7 +61,8 @@ def door(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("door"))
-        patch.setattr(cli, "start_taichi", refuse)
+        patch.setattr(backend, "init", refuse)
+        patch.setattr(cli, "redraw", refuse)
         patch.setattr(commands, "sweep", refuse)
         patch.setattr(commands.one_mix, "calibrate", refuse)
         patch.setattr("taichi_mps.engine.geometry.shapes.MAX_POINTS", 2e4)
@@ -246,7 +248,7 @@ def test_a_resume_that_is_refused_or_not_yet_begun_leaves_a_damaged_checkpoint(r
 @pytest.mark.parametrize(("words", "every"), [([], 0.01), (["--every", "0.5"], 0.5)])
 def test_a_resumed_run_keeps_its_interval_unless_another_is_given(run, monkeypatch, words, every):
     found = []
-    monkeypatch.setattr(cli, "start_taichi", lambda options: None)
+    monkeypatch.setattr(backend, "init", lambda *_: None)
     monkeypatch.setattr(checkpoint.Checkpoint, "resume", lambda *_, **__: None)
     monkeypatch.setattr(cli, "carry_out", lambda sim, folder, options, *_, **__: found.append(options.every) or 0)
     assert mps.main(["resume", str(run.path), *words]) == 0 and found == [every]
@@ -334,7 +336,7 @@ def test_an_edited_run_h5_is_shown_or_refused_and_nothing_is_made_of_a_part(run,
         shutil.rmtree(made, ignore_errors=True)
         outputs = list(Trajectory(path).checked_replay()) if code == "admitted" else []
         assert len(list(film.align_in_time(iter(outputs)))) == len(outputs)
-        for output in outputs:  # what is drawn once Taichi has started
+        for output in outputs:  # what is drawn then
             assert "slump_m" in output.measures() and output.scene.unfold(output.snapshot()).u.shape[1] == 3
 
 
@@ -354,9 +356,9 @@ def test_errors_and_info_show_no_terminal_escapes(tmp_path, capsys):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="names of files are texts there")
 def test_a_folder_whose_name_is_no_text(tmp_path, capsys):
-    folder, sim, recorder = recorded(tmp_path / os.fsdecode(b"r\xff\xfe"), 1)
+    folder, _, recorder = recorded(tmp_path / os.fsdecode(b"r\xff\xfe"), 1)
     told = {"scheme": "implicit", "wall_seconds": 1.0, "cpu_seconds": 1.0, "compile_seconds": 1.0}
-    console.print_result(recorder.finish("time") | told | {"simulated_seconds": sim.time}, folder)
+    console.show_end(recorder.finish("time") | told, folder, quiet=False, as_json=False)
     assert r"r\udcff\udcfe" in "".join(capsys.readouterr().out.split())  # lines are wrapped
     assert mps.main(["export", str(folder.path)]) == 0
     assert r"r\udcff\udcfe" in capsys.readouterr().out

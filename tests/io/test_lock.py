@@ -9,6 +9,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli import main as cli
+from taichi_mps.engine.runtime import backend
 from taichi_mps.io import lock
 from tests.support.child import begun
 from tests.support.recorded import contents, recorded
@@ -40,7 +41,7 @@ def holder(run):
 
 def test_a_second_writer_is_refused_until_the_first_is_killed_and_readers_never(run, holder, capsys, monkeypatch):
     started = []
-    monkeypatch.setattr(cli, "start_taichi", started.append)
+    monkeypatch.setattr(backend, "init", lambda *settings: started.append(settings))
     monkeypatch.setattr(cli, "carry_out", lambda *_, **__: 0)
     monkeypatch.setattr("taichi_mps.io.checkpoint.Checkpoint.resume", lambda *_, **__: None)
     before = contents(run)

@@ -14,8 +14,9 @@ SHORT = ["--spacing=0.02", "--until=0.002", "--quiet"]
 def at(home, folder, *words, cache=None, caches=None):
     """Exit code, and lines of errors, of Python with another HOME, folder of kernels or of all caches; None: without
     one."""
-    chosen = {"TI_OFFLINE_CACHE_FILE_PATH": cache, "XDG_CACHE_HOME": caches, "MPLCONFIGDIR": None}
-    done = child(*words, cwd=folder, HOME=home, TMPDIR=str(folder), **chosen)
+    done = child(
+        *words, cwd=folder, HOME=home, TMPDIR=str(folder), TI_OFFLINE_CACHE_FILE_PATH=cache, XDG_CACHE_HOME=caches
+    )
     return done.returncode, done.stderr.splitlines()
 
 
@@ -37,8 +38,10 @@ def test_a_process_compiles_and_leaves_nothing_behind(home, cache, caches, unwri
 def test_compiled_kernels_lie_where_they_are_looked_for(tmp_path):
     """Where the kernels are is where Taichi puts them: a forecast looks there for whether a run is the first."""
     assert at(os.environ["HOME"], tmp_path, "-c", COMPILES, caches=str(tmp_path / "caches"))[0] == 0
-    told = "from taichi_mps.engine.runtime import caches, workarounds; "
-    told += "assert any(caches.kernels(workarounds.LANGUAGE).glob('*/*'))"
+    told = (
+        "from taichi_mps.engine.runtime import caches, workarounds; "
+        "assert any(caches.kernels(workarounds.LANGUAGE).glob('*/*'))"
+    )
     assert at(os.environ["HOME"], tmp_path, "-c", told, caches=str(tmp_path / "caches"))[0] == 0
     assert at(os.environ["HOME"], tmp_path, "-c", told, caches=str(tmp_path / "others"))[0] == 1
 

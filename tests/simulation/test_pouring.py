@@ -16,6 +16,7 @@ from taichi_mps.engine.terms.pressure import LOOSE
 from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.vtkhdf import Trajectory
+from taichi_mps.report import drawings
 from tests.support.cube import box
 
 NEEDS_IGL = pytest.mark.skipif(find_spec("igl") is None, reason="the distance of a mesh is libigl's")
@@ -231,17 +232,16 @@ def test_walls_are_no_part_of_the_cavity():
             mps.Cavity(low, high, (post,), 0.01)
 
 
-def test_the_picture_of_what_stayed_empty(tmp_path):
-    pytest.importorskip("matplotlib")
-    import imageio.v3 as iio
-
-    from taichi_mps.viz import plots
-
-    red = []
-    for k, s in enumerate((body(), body(lambda x: x[:, 2] < 0.05))):
-        pixels = iio.imread(plots.filling(FORM, s, tmp_path / f"{k}.png"))[..., :3].astype(int)
-        red.append(np.sum((pixels[..., 0] > 150) & (pixels[..., 1] < 90)))  # empty
-    assert red[1] > 10 * red[0]
+def test_a_report_shows_what_is_filled_through_the_thickness():
+    """A form of 12 x 8 x 10 cm with a post in one half of its depth, filled to 5 cm beside it."""
+    post = mps.Solid.of(lambda x: 0.04 - x[:, 1], (-0.1, -0.1, -0.1), (0.2, 0.2, 0.2), 0.01)
+    form, part = mps.Cavity(*BOX, (post,), 0.01), body(lambda x: x[:, 2] < 0.05)
+    shown = drawings.filling(part, form)
+    rows = np.array(shown["rows"], float)
+    assert shown["low"] == [0.0, 0.0] and shown["high"] == [0.12, 0.1] and rows.shape == (20, 24)
+    np.testing.assert_array_equal(rows, form.filled(part).sum(1).T / form.cells.sum(1).T)
+    walled = mps.Cavity(*BOX, (mps.Plane((0.04, 0.0, 0.0), (1.0, 0.0, 0.0)),), 0.01)
+    assert drawings.filling(body(), walled)["rows"][0] == [None] * 8 + [1.0] * 16
 
 
 # ---- bars -------------------------------------------------------------------------------------------------------

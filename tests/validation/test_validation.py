@@ -10,7 +10,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.engine.runtime import backend
 from taichi_mps.input import catalogue
-from taichi_mps.viz import plots
+from taichi_mps.study import chart
 from tests.support.inside import find
 from validation import SLUMP_ERROR, Measured, Setting, cases, flows, simulate, standing, table
 from validation.__main__ import main
@@ -148,7 +148,7 @@ def test_a_page_gets_the_convergence_of_all_kept_results(tmp_path, monkeypatch):
 
     drawn, page = [], tmp_path / "page.md"
     monkeypatch.setattr(table, "run_apart", run)
-    monkeypatch.setattr(plots, "_save", lambda figure, out: drawn.append((figure, out)))
+    monkeypatch.setattr(chart, "_save", lambda figure, out: drawn.append((figure, out)))
     page.write_text(f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n")
     for name, (_, y) in points.items():
         assert main([name, "--out", str(tmp_path / "out"), "--page", str(page)]) == (y > 5.0)

@@ -128,8 +128,7 @@ export class Runs {
       h("div.sentences", {"data-part": "sentences"}, run.sentences.map((text) => h("p", {}, text))),
       h("p.files", {}, run.report ? h("a.button", {href: run.report, target: "_blank", rel: "noopener"}, "open the report") : "", files),
       run.film ? h("img.film", {src: run.film, alt: run.name}) : "",
-      run.table.length ? table(["result", "", "what it is"], run.table) : "",
-      run.filling ? h("img.film", {src: run.filling, alt: "what is filled", loading: "lazy"}) : "");
+      run.table.length ? table(["result", "", "what it is"], run.table) : "");
   }
 
   async compare(names) {

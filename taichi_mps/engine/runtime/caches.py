@@ -1,5 +1,5 @@
-"""Cache folders for compiled kernels and lists of fonts: in the home folder, or in a temporary one where the home
-cannot be written. Without a cache folder Taichi ends the process."""
+"""Cache folder for compiled kernels: in the home folder, or a temporary one where the home cannot be written. Without a
+cache folder Taichi ends the process."""
 
 import atexit
 import os
@@ -11,13 +11,12 @@ from pathlib import Path
 from ...units import plain
 
 KERNELS = {"taichi": "TI_OFFLINE_CACHE_FILE_PATH", "quadrants": "QD_OFFLINE_CACHE_FILE_PATH"}
-FONTS = "MPLCONFIGDIR"
 CACHES = "XDG_CACHE_HOME"
 
 
 def set_cache_folders(language: str) -> None:
-    """Set the cache folders of the kernel language, before its import, and of matplotlib, for this process and its
-    children. A folder that the user has set stays if it can be written."""
+    """Set the cache folder of the kernel language, before its import, for this process and its children. A folder that
+    the user has set stays if it can be written."""
     home = Path(os.path.expanduser("~"))
     home = home if home.is_absolute() else Path("/nonexistent")  # the home is unknown
     if os.name == "posix":
@@ -28,7 +27,6 @@ def set_cache_folders(language: str) -> None:
     folder = tempfile.mkdtemp(prefix="taichi_mps-")
     atexit.register(remove, folder, language)
     os.environ[KERNELS[language]] = os.path.join(folder, "kernels")
-    os.environ.setdefault(FONTS, os.path.join(folder, "fonts"))
     warning = f"{plain(chosen or home)} cannot be written, so compiled kernels are not kept for the next run"
     print(f"taichi-mps: {warning}", file=sys.stderr)
 
