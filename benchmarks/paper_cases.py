@@ -14,7 +14,7 @@ from itertools import cycle
 import numpy as np
 import points
 
-from taichi_mps.viz import plots
+from taichi_mps.study import chart
 from validation import columns
 from validation.slumps import inertial
 
@@ -150,8 +150,8 @@ def table(names, pi_c):
 def marks_and_lines(marks, lines, out, mark="o", line="-", **settings):
     """Marks {label: (x, y)}, and lines of the same kind in the colour of the marks of their label, or grey; styles of
     both; settings: of the axes, those of matplotlib."""
-    figure, axes = plots._figure(7.0, 4.8)
-    colour, grey = dict(zip(marks, cycle(plots.COLOURS), strict=False)), cycle(("--", ":", "-."))
+    figure, axes = chart._figure(7.0, 4.8)
+    colour, grey = dict(zip(marks, cycle(chart.COLOURS), strict=False)), cycle(("--", ":", "-."))
     for label, pair in lines.items():
         if label in marks:
             axes.plot(*pair, line, color=colour[label])
@@ -161,7 +161,7 @@ def marks_and_lines(marks, lines, out, mark="o", line="-", **settings):
         axes.plot(*pair, mark, ms=5, color=colour[label], mec="white", mew=0.5, label=label, rasterized=True)
     axes.set(**settings)
     axes.legend(loc="best", frameon=False)
-    plots._save(figure, out)
+    chart._save(figure, out)
 
 
 def draw():

@@ -77,7 +77,7 @@ def user_path(path) -> Path:
     return found.absolute() if str(found).startswith("~") else found
 
 
-def ordinary(prefix: str, path, most: float) -> Path:
+def regular_file(prefix: str, path, most: float) -> Path:
     """Return the path of an ordinary file of at most ``most`` bytes, which can be read to its end.
 
     SceneError that begins with ``prefix`` for a folder, a pipe, a device, or a file that is larger than it may be.

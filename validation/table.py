@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from taichi_mps.engine.problem.numerics import NUMERICS
+from taichi_mps.study import chart
 from taichi_mps.units import Duration, SceneError, require, suggestion, user_path, validated
-from taichi_mps.viz import plots
 
 from . import L2_ERROR, SLUMP_ERROR, Measured, Setting, provenance
 from .cases import CHOSEN_ON, ROWS
@@ -118,7 +118,7 @@ def convergence(series, out: Path) -> None:
     shown = [quantity for quantity in PANELS if curves.get(quantity)]
     if not shown:
         raise ValueError("no result holds errors at several spacings")
-    figure, axes = plots._figure(6.6 * len(shown), 4.8, len(shown), squeeze=False)
+    figure, axes = chart._figure(6.6 * len(shown), 4.8, len(shown), squeeze=False)
     from matplotlib.ticker import LogLocator
 
     for panel, quantity in zip(axes.flat, shown, strict=True):
@@ -141,14 +141,14 @@ def convergence(series, out: Path) -> None:
                 va="top",
                 zorder=1,
             )
-        for (curve, points), colour in zip(lines.items(), cycle(plots.COLOURS), strict=False):
+        for (curve, points), colour in zip(lines.items(), cycle(chart.COLOURS), strict=False):
             panel.plot(*points.T, "o-", color=colour, ms=6, mec="white", mew=0.8, label=curve)
         panel.set_xticks(np.unique(every[:, 0]), [f"{x:g}" for x in np.unique(every[:, 0])], minor=False)
         panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         panel.yaxis.set_major_formatter("{x:g}")
         panel.tick_params(which="minor", left=False, bottom=False, labelleft=False, labelbottom=False)
         panel.legend(loc="best", fontsize=10, frameon=False)
-    plots._save(figure, out)
+    chart._save(figure, out)
 
 
 def file_of(folder: Path, scheme: str, name: str) -> Path:

@@ -7,7 +7,7 @@ from ..input import catalogue
 from ..input.labels import OPTIONS, keyword_description
 from ..io.checkpoint import FORMS_OF_0_2
 from ..report.inputs import OMITTED, option
-from ..units import NUMBERS, SceneError, ordinary, require, suggestion, unit_of, user_path
+from ..units import NUMBERS, SceneError, regular_file, require, suggestion, unit_of, user_path
 from .options import GROUPS, Run, group_of, is_tuple, suggested
 
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # keywords by the names of options
@@ -59,7 +59,7 @@ def command_words(path: Path) -> list[str]:
     from tomlkit.exceptions import TOMLKitError
 
     try:
-        data = ordinary(f"case = {path}", path, MAX_BYTES).read_bytes()
+        data = regular_file(f"case = {path}", path, MAX_BYTES).read_bytes()
         encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"  # of PowerShell, of Notepad
         case = tomlkit.parse(data.decode(encoding)).unwrap()
     except (OSError, UnicodeError) as error:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..units import SceneError, ordinary, require
+from ..units import SceneError, regular_file, require
 
 MAX_BYTES = 2e7
 AXES = "XYZ"
@@ -132,7 +132,7 @@ def read_gcode(path, rate=None, filament=None) -> list[Bead]:
         For an unsupported code, such as an arc, or a bead that rises, with its line; or if no bead is laid.
     """
     printer = Printer(rate, filament)
-    text = ordinary(f"gcode {path}", path, MAX_BYTES).read_text(encoding="utf-8-sig", errors="replace")
+    text = regular_file(f"gcode {path}", path, MAX_BYTES).read_text(encoding="utf-8-sig", errors="replace")
     for number, line in enumerate(text.splitlines(), 1):
         try:
             printer.execute(line)

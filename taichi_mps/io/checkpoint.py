@@ -21,7 +21,7 @@ from pydantic import BaseModel, InstanceOf
 
 from ..engine import NUMERICS, Problem, Scene
 from ..input import catalogue
-from ..units import File, SceneError, ordinary, quote, require, unit_of, user_path, validated, writing
+from ..units import File, SceneError, quote, regular_file, require, unit_of, user_path, validated, writing
 from . import untrusted_hdf5 as untrusted
 from .history import NAMES_OF_0_2
 
@@ -416,7 +416,7 @@ def read(path) -> Checkpoint:
     SceneError
         If the file is missing, foreign, damaged or of another version.
     """
-    path, content = ordinary(f"checkpoint {path}", path, MAX_BYTES), hashlib.sha256()
+    path, content = regular_file(f"checkpoint {path}", path, MAX_BYTES), hashlib.sha256()
     try:
         with open(path, "rb") as file:
             found = re.match(rf"{FORMAT} (\d+) sha256 (\w+)\n".encode(), file.read(LABEL_BYTES))

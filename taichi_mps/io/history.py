@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..units import File, SceneError, ordinary, require, user_path, validated
+from ..units import File, SceneError, regular_file, require, user_path, validated
 
 COLUMN_MEANINGS = {
     "time_s": "time at the end of the step [s]",
@@ -157,7 +157,7 @@ def read_rows(path) -> list[dict[str, str]]:
     SceneError
         For a file that is damaged or no history.
     """
-    text = ordinary(str(path), path, MAX_BYTES).read_bytes().decode("utf-8", "replace")
+    text = regular_file(str(path), path, MAX_BYTES).read_bytes().decode("utf-8", "replace")
     whole = text.split("\n")[:-1]  # a process killed while it wrote leaves an incomplete row
     try:
         columns, *rows = list(csv.reader(whole)) or [[]]

@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 
 from filelock import FileLock, Timeout
 
-from ..units import SceneError, ordinary, user_path
+from ..units import SceneError, regular_file, user_path
 
 NAME = "taichi_mps.lock"  # file with the writing process as text, valid only while it is locked
 LOCK_TIMEOUT = 0.2  # time for which the lock is tried [s]: its last holder may be about to remove the file
@@ -45,7 +45,7 @@ def writer(folder) -> int | None:
     one, or on a system without /proc."""
     path = (user_path(folder) / NAME).resolve()
     with suppress(OSError, ValueError, IndexError):
-        process = int(ordinary("lock", path, 1000).read_text(errors="replace").split()[1])
+        process = int(regular_file("lock", path, 1000).read_text(errors="replace").split()[1])
         if any(os.readlink(opened) == str(path) for opened in user_path(f"/proc/{process}/fd").iterdir()):
             return process
     return None
@@ -54,5 +54,5 @@ def writer(folder) -> int | None:
 def holder(path) -> str:
     """Text of a lock, which names its writer, on one line."""
     with suppress(OSError, ValueError):
-        return " ".join(ordinary("lock", path, 1e4).read_text(errors="replace")[:200].split()) or "another process"
+        return " ".join(regular_file("lock", path, 1e4).read_text(errors="replace")[:200].split()) or "another process"
     return "another process"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..units import Flag, Place, SceneError, ordinary, require, user_path, validated, writing
+from ..units import Flag, Place, SceneError, regular_file, require, user_path, validated, writing
 from . import lock
 from .vtkhdf import Trajectory
 
@@ -330,7 +330,7 @@ def read_json(path: Path) -> dict:
         Object; empty where there is none.
     """
     try:
-        facts = json.loads(ordinary(path.name, path, 1e8).read_text(encoding="utf-8"))
+        facts = json.loads(regular_file(path.name, path, 1e8).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
     return facts if isinstance(facts, dict) else {}

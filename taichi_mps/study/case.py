@@ -14,7 +14,7 @@ from ..input import catalogue
 from ..io.history import row_of
 from ..io.run_folder import strict
 from ..io.summary import summary as summary_of
-from ..units import ordinary, user_path
+from ..units import regular_file, user_path
 
 T500_SPREAD = 0.5  # slump flow [m] that defines T500: EN 12350-8
 MIN_INTERVAL, MIN_FRACTION = 0.02, 0.05  # [s] and [-] of the time so far, between two measurements of a slump flow
@@ -45,7 +45,7 @@ def case(scene: str, **parameters) -> Case:
     texts = [user_path(value) for value in full.values() if isinstance(value, str) and value]
     named_files = [path for path in texts if path.is_file()]
     files = [catalogue.locate(scene), *catalogue.names().values(), *named_files]
-    contents = [hashlib.sha256(ordinary(f"file {path}", path, 1e9).read_bytes()).hexdigest() for path in files]
+    contents = [hashlib.sha256(regular_file(f"file {path}", path, 1e9).read_bytes()).hexdigest() for path in files]
     digest = hashlib.sha256(json.dumps([contents, full, code_digest()], sort_keys=True).encode()).hexdigest()
     return Case(catalogue.source(scene), {name: full[name] for name in parameters}, digest[:16])
 

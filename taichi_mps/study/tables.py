@@ -16,7 +16,7 @@ from pathlib import Path
 from ..input.labels import is_measure
 from ..io.lock import held
 from ..spelling import in_unit
-from ..units import SceneError, ordinary, require, user_path
+from ..units import SceneError, regular_file, require, user_path
 
 LOCK = "study.lock"
 JOURNAL = "journal.jsonl"
@@ -60,7 +60,7 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
     ``key`` and the line, for any other file."""
     where = f"{key} = {path}: "
     try:
-        text = decoded(ordinary(f"{key} = {path}", path, 1e8).read_bytes())
+        text = decoded(regular_file(f"{key} = {path}", path, 1e8).read_bytes())
     except OSError as error:
         raise SceneError(f"{where}cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:

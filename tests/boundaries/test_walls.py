@@ -32,7 +32,7 @@ class Box(Rig):
         down = -weight * ti.Vector.unit(self.dimension, self.dimension - 1, ti.f64)
         for i in range(self.particles.count[None]):
             self.W[i] = self.walls.hydrostatic(i, self.particles.x[i], down, self.gradient.B[i], 1.0)
-            self.near[i] = self.walls.crowding(i, self.particles.x[i], 1.0)
+            self.near[i] = self.walls.repulsion(i, self.particles.x[i], 1.0)
 
     def press(self, p0, weight):
         """Force (n, d) on a unit volume from the pressure p0 + weight depth, with what the walls add."""
@@ -83,8 +83,8 @@ def test_hydrostatic_pressure_carries_the_weight(rig):
     assert np.abs(F[rig.far, -1] / weight - 1.0).max() < 1e-9
 
 
-def test_crowding_balances_the_lattice(rig):
-    """The crowding of the ghosts cancels that of the particles on the other side."""
+def test_the_repulsion_balances_the_lattice(rig):
+    """The repulsion of the ghosts cancels that of the particles on the other side."""
     rig.add(0.0)
     first = np.abs(rig.x[:, -1] - 0.5 * L0) < 0.1 * L0
     r = rig.x[None] - rig.x[first][:, None]

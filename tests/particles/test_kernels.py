@@ -72,8 +72,8 @@ def test_ghosts_complete_the_lattice(dimension, layer, weight):
     moment = (w / size**2 * normal**2)[real].sum() + sums["normal"]
     assert moment == pytest.approx(lattice.n0 / dimension, rel=1e-13)
     assert (w * e)[real].sum() == pytest.approx(sums["inward"], rel=1e-13)  # the pull of both sides balances
-    assert (near * e)[real].sum() == pytest.approx(sums["crowding"], abs=1e-13)
-    assert (w / size**2 * normal)[real].sum() == pytest.approx(0.5 * sums["pull"], rel=1e-13)
+    assert (near * e)[real].sum() == pytest.approx(sums["repulsion"], abs=1e-13)
+    assert (w / size**2 * normal)[real].sum() == pytest.approx(0.5 * sums["gradient"], rel=1e-13)
     crowd = 1.0 + PACKING(size / RE)[real].sum() + sums["packing"]
     assert crowd == pytest.approx(lattice.packing, rel=1e-13)
 
@@ -106,6 +106,6 @@ def test_packing_of_other_lattices_of_the_same_density(basis):
 
 def test_ghost_sums_scale_with_the_spacing_and_vanish_far_from_the_wall():
     unit, scaled = ghost_table(3, 1.0, RE), ghost_table(3, 0.01, 0.01 * RE)
-    power = np.array([{"pull": -1}.get(name, 0) for name in GHOST_SUMS])
+    power = np.array([{"gradient": -1}.get(name, 0) for name in GHOST_SUMS])
     assert np.allclose(scaled, unit * 0.01**power, rtol=1e-9, atol=1e-9)
     assert np.all(unit[-30:] == 0.0)  # beyond re - l0/2 no ghost is near

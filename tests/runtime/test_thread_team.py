@@ -33,7 +33,7 @@ class Mirror:
     def mirror(self):
         while team.takes_part() and self.round[None] < ROUNDS:
             self.turn_round()
-            team.regroup()
+            team.barrier()
 
     @stage("round")
     def turn_round(self):

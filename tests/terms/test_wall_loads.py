@@ -57,7 +57,7 @@ def test_walls_carry_the_weight_less_what_the_momentum_gains(d, name):
         assert found == pytest.approx(force, abs=2e-4 * np.abs(weight).max())
     assert sim.measures()[name] < 0.0
     assert sim.scheme.pressure.full[None] == 0  # below a free surface ghosts carry no stress along the walls
-    assert np.abs(sim.scheme.wall_stress.drive.to_numpy()).max() == 0.0
+    assert np.abs(sim.scheme.wall_stress.driving_force.to_numpy()).max() == 0.0
     sim.load(sim.state())
     assert np.isnan(sim.measures()[name])
 

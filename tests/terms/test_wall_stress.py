@@ -78,7 +78,7 @@ def test_the_stress_differs_by_a_spacing_to_both_sides_and_to_the_wall():
     sim.step()
     y = sim.particles.x.to_numpy()[:, 1]
     shear(sim, PUSH * (0.5 * GAP - y))
-    sim.scheme.wall_stress.set_drive_and_weight()
+    sim.scheme.wall_stress.set_driving_force()
     variation, depth = sim.scheme.stress.variation.to_numpy(), np.minimum(y, GAP - y)
     away = np.abs(0.5 * GAP - y) > 3 * L0  # from the middle, where the stress changes its sign
     assert variation[away] == pytest.approx(PUSH * np.minimum(L0, depth)[away], rel=0.02)
@@ -100,7 +100,7 @@ def weight_at(sim, stress):
     of_all[first] = stress
     shear(sim, of_all)
     sim.scheme.pressure.p.fill(0.0)
-    term.set_drive_and_weight()
+    term.set_driving_force()
     at_start = term.weight.to_numpy()[first]
     term.update_weight()
     return at_start, term.weight.to_numpy()[first]
@@ -149,7 +149,7 @@ def pushed(sim, borne=0.0):
     d = x.shape[1]
     sim.particles.stress.from_numpy(borne * p[:, None, None] * np.diag([1.0] + [-1.0 / (d - 1)] * (d - 1)))
     b = sim.scheme.velocity.solver.b
-    sim.scheme.wall_stress.set_drive_and_weight()
+    sim.scheme.wall_stress.set_driving_force()
     sim.scheme.source.set(b)
     middle = (np.abs(x[:, : d - 1] - 5.5 * L0) < 0.6 * L0).all(1)
     row = np.rint(x[:, -1] / L0 - 0.5).astype(int)

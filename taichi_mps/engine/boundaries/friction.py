@@ -4,7 +4,7 @@ The tangential traction t [Pa] of a wall resists the slip u_s [m/s] of the fluid
 sticks, t = (yield stress + viscous constant |u_s|) u_s/|u_s| where it slips. To the fit the wall moves along with the
 slip of the particle, which within a solve is linear in the velocity u of the particle relative to the wall,
 
-    u_s = (1 - s) u + offset,      s = R/(R + mu/z),      t = R u_s + push:
+    u_s = (1 - s) u + offset,      s = R/(R + mu/z),      t = R u_s + t_0:
 
 friction and the layer of thickness z between wall and particle in series. R is the viscous constant plus a penalty r,
 which ties the slip to the yield stress as mu_r does the strain rate (rheology.py). After each solve ``map_traction``
@@ -37,12 +37,12 @@ class FrictionalSlip:
         self.thickness = ti.field(real(), capacity)  # of the layer between particle and wall [m]
         self.bond = ti.field(real(), capacity)  # factor of t(z): 0 where it slips as a plug, 1 where it sticks [-]
         self.offset = ti.Vector.field(d, real(), capacity)  # part of u_s that does not depend on u [m/s]
-        self.push = ti.Vector.field(d, real(), capacity)  # part of t that does not depend on u_s [Pa]
+        self.constant_traction = ti.Vector.field(d, real(), capacity)  # t_0 [Pa]
 
     @ti.func
     def velocity_in_fit(self, i, n, v):
-        """Part of a velocity v relative to the wall that enters the least-squares fit; as adjoint, the part of a pull v
-        that acts on the particle."""
+        """Part of a velocity v relative to the wall that enters the least-squares fit; as adjoint, the part of a force
+        v that acts on the particle."""
         normal = n * n.dot(v)
         return normal + self.stick[i] * (v - normal)
 
@@ -62,7 +62,7 @@ class FrictionalSlip:
         stress."""
         t = self.resistance() * self.slip_velocity(i, n, v, motion)
         if ti.static(self.yields):
-            t += motion * self.push[i]
+            t += motion * self.constant_traction[i]
         return (1.0 - self.stick[i]) * self.area[i] * t
 
     @ti.func
@@ -101,7 +101,7 @@ class FrictionalSlip:
         self.offset[i] = slip - (1.0 - self.stick[i]) * tangential
         if ti.static(self.yields):
             self.traction[i] -= n * n.dot(self.traction[i])
-            self.push[i] = self.traction[i] - self.penalty[None] * slip
+            self.constant_traction[i] = self.traction[i] - self.penalty[None] * slip
 
     @ti.func
     def clear(self, i):
@@ -111,18 +111,18 @@ class FrictionalSlip:
             self.traction[i] *= 0.0
 
     @ti.func
-    def map_traction(self, i, n, v, pull, stiff, mu):
+    def map_traction(self, i, n, v, stress, stiff, mu):
         """Map the traction of particle i back onto its bound after an iteration, and move the slip to where the
-        friction balances the traction ``pull`` [Pa] of its stress; v is its velocity relative to the wall, and the slip
-        lowers ``pull`` by ``stiff`` [Pa s/m] besides mu/z."""
+        friction balances the traction ``stress`` [Pa] of the particle; v is its velocity relative to the wall, and the
+        slip lowers ``stress`` by ``stiff`` [Pa s/m] besides mu/z."""
         tangential, R, layer = v - n * n.dot(v), self.resistance(), mu / self.thickness[i]
         slip, kappa = self.slip_velocity(i, n, v, 1.0), layer + stiff
-        residual = pull - n * n.dot(pull) + kappa * slip
+        residual = stress - n * n.dot(stress) + kappa * slip
         if ti.static(self.yields):
             trial = self.traction[i] + self.penalty[None] * slip
             self.traction[i] = trial * ti.min(1.0, self.yield_value / ti.max(trial.norm(), 1e-12))
-            self.push[i] = 2.0 * self.traction[i] - trial
-            residual -= self.push[i]
+            self.constant_traction[i] = 2.0 * self.traction[i] - trial
+            residual -= self.constant_traction[i]
         self.slip[i] = residual / (kappa + R)
         self.stick[i] = R / (R + layer)
         self.offset[i] = self.slip[i] - (1.0 - self.stick[i]) * tangential

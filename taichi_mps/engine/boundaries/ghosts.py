@@ -11,7 +11,7 @@ from .surfaces import MIN_DISTANCE
 
 SMALLEST_RING, LARGEST_RING, RING_SIZES = 0.2, 1.5, 27  # sizes of rings in the tables over the spacing, their number
 COUNT_SUMS = "neighbours", "n", "packing"  # sums in which each ghost must count once
-PAIR_SUMS = "pull", "tangential", "normal"  # sums of w/r^2, for rings times their radius over l0 (gradient.py)
+PAIR_SUMS = "gradient", "tangential", "normal"  # sums of w/r^2, for rings times their radius over l0 (gradient.py)
 # cosines of the angle between two faces of a solid, and entries of their tables along each distance
 COSINES, WEDGE_ENTRIES = 9, 24
 
@@ -83,9 +83,9 @@ class GhostSums:
         )
         n0 = lattice_sums(dimension, spacing, effective_radius, **kernels).n0
         row = round(1.5 * spacing / effective_radius * (self.entries - 1))
-        pull = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("pull")]
+        coefficient = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("gradient")]
         # fraction of a wall's area that belongs to the second row
-        self.second_row_share = float(pull) * spacing * dimension / n0
+        self.second_row_share = float(coefficient) * spacing * dimension / n0
         # GHOST_SUMS at a size and z = re k/(entries - 1), and their derivative by the curvature [m]
         self.flat, self.bend = constant_fields(tables[0], (tables[1] - tables[2]) / (2.0 * bent), vectors=True)
         if corners:
@@ -140,7 +140,7 @@ class GhostSums:
     def lookup(self, name: ti.template(), i, wall: ti.template(), f: ti.template(), x, z, curvature, ratio):
         """Value of one of GHOST_SUMS for particle i at x, a distance z [m] from face f of this wall, whose curvature is
         given [1/m]. In a corner, ghosts behind both walls count once. Their sum w e along either normal belongs to
-        neither wall: it cancels with the other wall's ghosts in front of the first; so does their pull where one of
+        neither wall: it cancels with the other wall's ghosts in front of the first; so does their gradient where one of
         the two walls is a mirror plane."""
         value = self.interpolate(self.flat, name, z, ratio)
         if ti.static(wall.curved):
@@ -194,14 +194,14 @@ class GhostSums:
         cut = 1.0 - self.remaining_fractions_at_angle(z, across, cosine)
         cut *= acts * self.visible_fraction(across, z, cosine)
         counted_once = ti.max(0.0, cosine) / (1.0 + ti.max(0.0, cosine))
-        pull = 1.0 if self.meet[f, g] == 2 else counted_once
+        fraction = 1.0 if self.meet[f, g] == 2 else counted_once
         for k, name in ti.static(enumerate(GHOST_SUMS)):
             if ti.static(name in COUNT_SUMS):
                 remaining[k] *= 1.0 - cut[k] if g < f else 1.0
             elif ti.static(name == "inward"):
                 remaining[k] *= 1.0 - (1.0 - counted_once) * cut[k]
             else:
-                remaining[k] *= 1.0 - pull * cut[k]
+                remaining[k] *= 1.0 - fraction * cut[k]
         return remaining * (1.0 - acts * (1.0 - self.visible_fraction(z, across, cosine)))
 
     @ti.func

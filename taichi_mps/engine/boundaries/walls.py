@@ -82,7 +82,8 @@ class Walls(WallPositions):
         kernels = {"weight": weight, "packing_kernel": packing_kernel}
         self.ghosts = GhostSums(dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity)
         if self.surfaces:
-            self.c = ti.field(real(), (capacity, len(self.faces)))  # pull of each face on each particle [1/m]
+            # coefficient of each face in the gradient of each particle [1/m]
+            self.c = ti.field(real(), (capacity, len(self.faces)))
         self.carry_curvature = not rings and any(surface.no_slip for surface in self.surfaces)
         if self.carry_curvature:
             # l0/4 of the curvature of the velocity at each particle [1/s]
@@ -102,8 +103,8 @@ class Walls(WallPositions):
     @ti.func
     def moments(self, i, x, ratio):
         """Contributions of the walls to neighbours, n and packing [-], to the moment matrix [-] and to sum w e [-] of
-        particle i at x, e the direction to each ghost. Stores the pull of each face on it, and the faces of solids in
-        front of which it stands."""
+        particle i at x, e the direction to each ghost. Stores the coefficient c of each face, and the faces of solids
+        in front of which it stands."""
         for wall in ti.static(self.surfaces):
             wall.find_faces(i, x)
             if ti.static(wall.releases):
@@ -124,7 +125,7 @@ class Walls(WallPositions):
                     counts[k] += self.ghosts.lookup(name, i, wall, f, x, z, curvature, ratio)
                 surface_normal -= n * self.ghosts.lookup("inward", i, wall, f, x, z, curvature, ratio)
                 normal = n.outer_product(n)
-                self.c[i, f] = self.ghosts.lookup("pull", i, wall, f, x, z, curvature, ratio)
+                self.c[i, f] = self.ghosts.lookup("gradient", i, wall, f, x, z, curvature, ratio)
                 moment += self.c[i, f] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
                     if ti.static(wall.has_friction):
@@ -144,7 +145,7 @@ class Walls(WallPositions):
     @ti.func
     def velocity_in_fit(self, i, wall: ti.template(), n, v, motion):
         """Part of a velocity v relative to the wall that enters the fit; ``motion`` 1 adds the part of the slip that
-        does not depend on v. With ``motion`` 0 it is symmetric: the same part of a pull acts on the particle."""
+        does not depend on v. With ``motion`` 0 it is symmetric: the same part of a force acts on the particle."""
         seen = v
         if ti.static(wall.slip):
             seen = n * n.dot(v)
@@ -160,8 +161,8 @@ class Walls(WallPositions):
         for f, wall in ti.static(enumerate(self.faces)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, curvature = wall.face(i, x, self.slots[f])
-                jump = self.velocity_in_fit(i, wall, n, u - motion * velocity, motion)
-                total += jump.outer_product(n) * self.c[i, f]
+                difference = self.velocity_in_fit(i, wall, n, u - motion * velocity, motion)
+                total += difference.outer_product(n) * self.c[i, f]
                 if ti.static(wall.rotates and not wall.slip):
                     spin = ti.cast(wall.spin, float)
                     t = self.tangential(i, wall, f, x, z, curvature, ratio)
@@ -202,12 +203,12 @@ class Walls(WallPositions):
         for f, wall in ti.static(self.select_faces(face)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                jump = self.velocity_in_fit(i, wall, n, u - motion * velocity, motion)
+                difference = self.velocity_in_fit(i, wall, n, u - motion * velocity, motion)
                 weight = self.c[i, f] / ti.max(z, self.closest)
-                power += jump.norm_sqr() * weight
+                power += difference.norm_sqr() * weight
                 if ti.static(wall.has_friction):
-                    jump = self.velocity_in_fit(i, wall, n, jump, 0.0)
-                total += jump * weight
+                    difference = self.velocity_in_fit(i, wall, n, difference, 0.0)
+                total += difference * weight
         return total, power
 
     @ti.func
@@ -246,13 +247,13 @@ class Walls(WallPositions):
                 z, n, velocity, curvature = wall.face(i, x, self.slots[f])
                 deeper = n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio)
                 stiff = h * self.c[i, f] / ti.max(z, self.closest)
-                pull = flux @ n * self.c[i, f] + B @ n * deeper
-                pull += stiff * self.velocity_in_fit(i, wall, n, u - velocity, 1.0)
+                force = flux @ n * self.c[i, f] + B @ n * deeper
+                force += stiff * self.velocity_in_fit(i, wall, n, u - velocity, 1.0)
                 area = wall.friction.area[i]
-                wall.friction.map_traction(i, n, u - velocity, pull / area, stiff / area, mu)
+                wall.friction.map_traction(i, n, u - velocity, force / area, stiff / area, mu)
 
     @ti.func
-    def pull(self, i, x, B, shear, bulk):
+    def coefficients(self, i, x, B, shear, bulk):
         """Sums over the walls of n c [1/m] and of c/z [1/m2], for the diagonal; and the block [kg/s] by which they
         resist a velocity of particle i through the gradient that they add, with V mu = ``shear`` and
         V (mu + K - 2 mu/t) = ``bulk`` [Pa s m3]."""
@@ -277,18 +278,18 @@ class Walls(WallPositions):
         for f, wall in ti.static(self.select_faces(face)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                push = B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio))
+                force = B @ n * (n.dot(weight) * self.ghosts.lookup("normal", i, wall, f, x, z, curvature, ratio))
                 if ti.static(wall.has_friction):
-                    push = self.velocity_in_fit(i, wall, n, push, 0.0)
-                total -= push
+                    force = self.velocity_in_fit(i, wall, n, force, 0.0)
+                total -= force
         return total
 
     @ti.func
-    def crowding(self, i, x, ratio):
+    def repulsion(self, i, x, ratio):
         """Sum of max(0, 1 - r/(1.5 l0)) e [-] over the ghosts, e the direction from x to each."""
         total = ti.Vector.zero(float, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             z, n, _velocity, curvature = wall.face(i, x, self.slots[f])
             if z < self.effective_radius:
-                total -= n * self.ghosts.lookup("crowding", i, wall, f, x, z, curvature, ratio)
+                total -= n * self.ghosts.lookup("repulsion", i, wall, f, x, z, curvature, ratio)
         return total

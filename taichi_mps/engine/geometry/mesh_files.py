@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...units import SceneError, ordinary, require
+from ...units import SceneError, regular_file, require
 
 STEP = ("step", "stp")
 MAX_BYTES = 5e8  # size of a mesh file: ten million triangles
@@ -30,7 +30,7 @@ def read_triangles(path, scale, body, tolerance):
 
     Corners of a STEP file are in metres.
     """
-    path = ordinary(f"mesh {path}", path, MAX_BYTES)
+    path = regular_file(f"mesh {path}", path, MAX_BYTES)
     kind = path.suffix.lower()[1:]
     if kind in STEP:
         require(scale == 1.0, f"mesh {path}: scale = {scale:g}: must be left out; a STEP file has its own unit")

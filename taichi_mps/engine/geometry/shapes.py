@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import InstanceOf
 
 from ...units import Count, Size, array, points, real, require, validated, vector
-from ..runtime.memory import admit
+from ..runtime.memory import require_available
 
 Offset = real("", ge=-1e6, le=1e6) | array("", (None,))
 MAX_POINTS = 4e7  # of one lattice, of which a cone fills two fifths: 95 GB
@@ -207,7 +207,9 @@ def lattice(low: array("m", (None,)), high: array("m", (None,)), spacing: Size, 
     many = f"spacing = {spacing:g} m: fills the box with {points:.2g} particles, at most {MAX_POINTS:.2g}"
     require(points <= MAX_POINTS, f"{many}; must be at least {1.01 * least:.3g} m")
     if points > CHECK_MEMORY_FROM:
-        admit(BYTES_PER_POINT * points, f"spacing = {spacing:g} m: {points:.2g} particles of a lattice take")
+        require_available(
+            BYTES_PER_POINT * points, f"spacing = {spacing:g} m: {points:.2g} particles of a lattice take"
+        )
     axes = [
         lo + spacing * (o + np.arange(max(0, int(np.floor((hi - lo) / spacing - o + 1 + 1e-9)))))
         for lo, hi, o in zip(low, high, offsets, strict=True)

@@ -10,7 +10,7 @@ iterative solution of Ax = b with successive right-hand sides, Computer Methods 
 
 from ..runtime.backend import double_field, ti
 from ..runtime.stages import flush, sequence, stage, team_stage
-from ..runtime.thread_team import begins, first, last, leads, regroup, takes_part, wait
+from ..runtime.thread_team import barrier, begins, first, last, leads, takes_part, wait
 from .vectors import Jacobi, Vectors
 
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
@@ -92,7 +92,7 @@ class PCG:
         if begins():
             self.set_target(tolerance, min_reduction, max_reduction)
             self.vectors.copy(self.z, self.p)
-            regroup()
+            barrier()
         while takes_part() and self.unfinished(limit):
             self.A.multiply(self.p, self.q)
             self.vectors.dot(self.p, self.q, self.pq)
@@ -102,7 +102,7 @@ class PCG:
             self.vectors.dot(self.r, self.z, self.rz_new)
             self.compute_beta()
             self.vectors.xpby(self.z, self.beta, self.p)  # p <- z + beta p
-            regroup()
+            barrier()
 
     @ti.pyfunc
     def unfinished(self, limit):

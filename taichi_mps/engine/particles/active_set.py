@@ -34,7 +34,7 @@ class AllActive:
     def end_step(self, dt: float) -> None:
         """No counters."""
 
-    def wake(self) -> None:
+    def reactivate(self) -> None:
         """All are awake."""
 
     def state(self) -> dict:
@@ -63,12 +63,12 @@ class ActiveSet:
         self.counts = ti.Vector.field(3, ti.i32, ())  # particles of the boundary, of the halo, excluded
         self.must_update = ti.field(ti.i32, ())  # 1 where a boundary particle yields, or an active one is near the halo
         self.at_rest = ti.field(ti.i32, ())  # number of particles at rest
-        self.kept_id = next(twin for field, twin in self.particles.twins if field is self.particles.id)
+        self.kept_id = next(buffer for field, buffer in self.particles.buffers if field is self.particles.id)
         self.is_full_step, self.left_out = True, 0  # of the present step
         self.excluded_time = 0.0  # since the set was found [s]
         self.rest_fraction, self.steps = 0.0, 0  # fraction at rest at the last step of all [-], steps since
         self.all_steps, self.mean_part_left_out = 0, 0.0
-        self.particles.recall = self.recall
+        self.particles.restore_all = self.restore_all
 
     # ---- a step ---------------------------------------------------------------------------------------------
     def search(self, is_read: bool) -> None:
@@ -77,12 +77,12 @@ class ActiveSet:
         self.steps += 1
         self.is_full_step = is_read or self.rest_fraction < MIN_EXCLUDED_FRACTION or self.steps >= FULL_STEP_INTERVAL
         if self.is_full_step:
-            self.recall()
+            self.restore_all()
             self.neighbors.search()
         elif self.left_out and not self.needs_update():
             self.neighbors.search()
         else:
-            self.recall()
+            self.restore_all()
             self.partition()
 
     def end_step(self, dt: float) -> None:
@@ -97,7 +97,7 @@ class ActiveSet:
             flush()
             self.rest_fraction = self.at_rest[None] / self.particles.number
 
-    def wake(self) -> None:
+    def reactivate(self) -> None:
         """Let all particles take part in the next steps, until those at rest are counted again."""
         self.rest_fraction = 0.0
 
@@ -200,8 +200,8 @@ class ActiveSet:
         ti.loop_config(serialize=True)
         for i in range(rows):
             if self.particles.kind[i] == HALO:
-                for field, twin in ti.static(self.particles.twins):
-                    twin[halo_end] = field[i]
+                for field, buffer in ti.static(self.particles.buffers):
+                    buffer[halo_end] = field[i]
                 halo_end += 1
 
     @stage("active set")
@@ -219,7 +219,7 @@ class ActiveSet:
                     self.must_update[None] = 1
 
     # ---- all again ------------------------------------------------------------------------------------------
-    def recall(self) -> None:
+    def restore_all(self) -> None:
         """Bring back all excluded particles, with the fields they carried and their structure grown."""
         if self.left_out:
             flush()
@@ -234,8 +234,8 @@ class ActiveSet:
             if self.particles.kind[i] == HALO:
                 self.particles.source_row[self.particles.id[i]] = i
         for k in range(active, active + self.counts[None][1]):
-            for field, twin in ti.static(self.particles.twins):
-                field[self.particles.source_row[self.kept_id[k]]] = twin[k]
+            for field, buffer in ti.static(self.particles.buffers):
+                field[self.particles.source_row[self.kept_id[k]]] = buffer[k]
         for i in range(active + self.particles.excluded[None]):
             kind = self.particles.kind[i]
             if kind >= HALO:

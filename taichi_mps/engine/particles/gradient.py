@@ -130,7 +130,7 @@ class Gradient:
             M = ti.Matrix.zero(float, self.dimension, self.dimension)
             n, packing, neighbour_count = ti.cast(0.0, float), self.cross_section_ratio(i), ti.cast(0.0, float)
             surface_normal = ti.Vector.zero(float, self.dimension)
-            wet = 0
+            fluid_neighbours = 0
             first, last = self.neighbors.row_start[i], self.neighbors.row_start[i + 1]
             for k in range(first, last):
                 j = self.neighbors.column[k]
@@ -159,7 +159,7 @@ class Gradient:
                 packing += ratio * self.packing_kernel(q)
                 neighbour_count += ratio
                 if self.particles.kind[j] == FLUID:
-                    wet += 1
+                    fluid_neighbours += 1
             if ti.static(len(self.walls.surfaces) > 0):
                 counts, moment, behind = self.walls.moments(i, x, self.cross_section_ratio(i))
                 surface_normal += behind
@@ -175,7 +175,7 @@ class Gradient:
             kind = self.particles.kind[i]
             some = neighbour_count >= self.dimension * ti.min(1.0, self.cross_section_ratio(i))
             fluid = kind == FLUID or kind == BOUNDARY  # noqa: SIM109  (a kernel has no "in")
-            stressed = some and (fluid or (kind == WALL and wet > 0))
+            stressed = some and (fluid or (kind == WALL and fluid_neighbours > 0))
             self.B[i] = (
                 self.inverse(M, self.full_weight(i))
                 if stressed

@@ -83,7 +83,7 @@ def ring_table(spacing: float, effective_radius: float, ratios, weight: Callable
     return np.array([[sums.n0, ratio * sums.packing] for ratio, sums in zip(ratios, lattices, strict=True)])
 
 
-GHOST_SUMS = ("neighbours", "n", "pull", "tangential", "normal", "inward", "crowding", "packing")
+GHOST_SUMS = ("neighbours", "n", "gradient", "tangential", "normal", "inward", "repulsion", "packing")
 
 
 def ghost_table(
@@ -101,8 +101,8 @@ def ghost_table(
     the wall and h, t are its normal and one tangential distance from the particle: h = z + d and t = 0, l0, ... behind
     a plane. Behind a wall with a curvature [1/m] along t, positive with the fluid inside, they are bent onto arcs:
 
-    neighbours 1; n w; pull 2 (w/r^2) h [1/m]; tangential (w/r^2) t^2 (1 + d/z); normal (w/r^2) h^2;
-    inward w h/r; crowding max(0, 1 - r/(1.5 l0)) h/r; packing the packing kernel.
+    neighbours 1; n w; gradient 2 (w/r^2) h [1/m]; tangential (w/r^2) t^2 (1 + d/z); normal (w/r^2) h^2;
+    inward w h/r; repulsion max(0, 1 - r/(1.5 l0)) h/r; packing the packing kernel.
 
     ``size`` over l0 is the spacing of ghosts that stand closer than l0; each then counts size^2 in neighbours, n and
     packing.

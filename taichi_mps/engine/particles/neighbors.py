@@ -159,7 +159,7 @@ class NeighborList:
         d = ti.static(self.bins.dimension)
         shape = ti.static(self.bins.shape)
         reach2 = self.bins.reach**2
-        listed, wet = 0, 0
+        listed, fluid_neighbours = 0, 0
         first = self.row_start[i]
         for offset in ti.grouped(ti.ndrange(*((-1, 2),) * (d - 1))):
             neighbour_cell = c
@@ -184,9 +184,9 @@ class NeighborList:
                                 self.column[ti.min(first + listed, self.pair_capacity - 1)] = j
                             listed += 1
                             if ti.static(self.leaves_out_walls):
-                                wet += self.particles.kind[j] == FLUID
+                                fluid_neighbours += self.particles.kind[j] == FLUID
         if ti.static(self.leaves_out_walls):  # noqa: SIM102  (a compiled choice stays apart)
-            if self.particles.kind[i] == WALL and wet == 0:
+            if self.particles.kind[i] == WALL and fluid_neighbours == 0:
                 listed = 0
         return listed
 

@@ -1,4 +1,4 @@
-"""Sums over pairs, written for vector instructions: jumps of the velocity, and pulls of the fluxes.
+"""Sums over pairs, written for vector instructions: differences of the velocity, and fluxes.
 
 The two loops over pairs are written for LLVM, which turns them into vector instructions of four numbers if vectors of
 three components are kept as four, if a sum is stored whole and used in another loop only, and if the loop has a way
@@ -17,12 +17,12 @@ class PairSums:
         self.particles, self.gradient, self.walls = particles, gradient, walls
         self.neighbors, self.dimension = gradient.neighbors, d
         lanes = self.lanes = 4 if d == 3 else d
-        self.motion = ti.Vector.field(lanes, real(), particles.capacity)  # velocity whose jumps are summed [m/s]
+        self.motion = ti.Vector.field(lanes, real(), particles.capacity)  # velocity whose differences are summed [m/s]
         self.pair_drag = ti.field(real(), self.neighbors.pair_capacity)  # (h_i + h_j) w/r^2 of each pair [kg/s]
         # sums over pairs of u_j - u_i: d rows of its slopes [1/s], one of the drag [N]
-        self.jumps = ti.Matrix.field(d + 1, lanes, real(), particles.capacity)
+        self.difference_sums = ti.Matrix.field(d + 1, lanes, real(), particles.capacity)
         self.flux = ti.Matrix.field(d, lanes, real(), particles.capacity)  # transpose of P = V T B - h G [N m]
-        self.pulls = ti.Matrix.field(d, lanes, real(), particles.capacity)  # sums over pairs of the fluxes, by axis [N]
+        self.flux_sums = ti.Matrix.field(d, lanes, real(), particles.capacity)  # sums of fluxes, by axis [N]
 
     @ti.func
     def set_motion(self, i, u):
@@ -31,15 +31,15 @@ class PairSums:
             self.motion[i][a] = u[a]
 
     @ti.func
-    def gather_jumps(self, u: ti.template()):
-        """``jumps`` of the velocity u: walls not included."""
+    def gather_differences(self, u: ti.template()):
+        """``difference_sums`` of the velocity u: walls not included."""
         for i in range(self.particles.count[None]):
             self.set_motion(i, u[i])
         for i in range(self.particles.count[None]):
-            self.gather_jump(i)
+            self.gather_difference(i)
 
     @ti.func
-    def gather_jump(self, i):
+    def gather_difference(self, i):
         """jumps_i: the transpose of sum_j (u_j - u_i) (x) b_ij, and the drag, of the velocity ``motion``."""
         sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
         ui = self.motion[i]
@@ -47,12 +47,12 @@ class PairSums:
             j = self.neighbors.column[k]
             if j < 0:  # never: the way out
                 break
-            jump, b, drag = self.motion[j] - ui, self.gradient.b[k], self.pair_drag[k]
+            difference, b, drag = self.motion[j] - ui, self.gradient.b[k], self.pair_drag[k]
             for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
-                sums[c, a] += jump[a] * b[c]
+                sums[c, a] += difference[a] * b[c]
             for a in ti.static(range(self.lanes)):
-                sums[self.dimension, a] += jump[a] * drag
-        self.jumps[i] = sums
+                sums[self.dimension, a] += difference[a] * drag
+        self.difference_sums[i] = sums
 
     @ti.func
     def gather_pull(self, i):
@@ -66,14 +66,14 @@ class PairSums:
             Pj, b = self.flux[j], self.gradient.b[k]
             for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
                 sums[c, a] += (Pi[c, a] + Pj[c, a]) * b[c]
-        self.pulls[i] = sums
+        self.flux_sums[i] = sums
 
     @ti.func
     def velocity_gradient(self, i, u: ti.template(), motion):
-        """du_a/dx_b [1/s] of the velocity u at i, as Gradient.velocity_gradient, once the jumps of u are gathered."""
+        """du_a/dx_b [1/s] of the velocity u at i, as Gradient.velocity_gradient, from gathered differences."""
         H = ti.Matrix.zero(float, self.dimension, self.dimension)
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
-            H[a, c] = self.jumps[i][c, a]
+            H[a, c] = self.difference_sums[i][c, a]
         if ti.static(len(self.walls.surfaces) > 0):
             H += self.walls.gradient_term(i, self.particles.x[i], u[i], motion, self.gradient.cross_section_ratio(i))
         return self.gradient.tensor(i, H @ self.gradient.B[i], u)
@@ -96,5 +96,5 @@ class PairSums:
         if ti.static(self.particles.axisymmetric):
             force[0] -= self.gradient.hoop[i]
         for c, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
-            force[a] += self.pulls[i][c, a]
+            force[a] += self.flux_sums[i][c, a]
         return force

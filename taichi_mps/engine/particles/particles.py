@@ -38,10 +38,10 @@ class Particles:
     """State of ``capacity`` particles in d dimensions. Rows are kept in the order (cell, id) by the bins.
 
     A fluid particle moves; a wall particle is fixed and carries pressure; a dummy wall particle only fills the
-    particle number density. Fluid that is ``excluded`` from a step lies in the rows behind those in use; ``recall``
-    brings it back before the fields are read (active_set.py). ``start``: arrays (n, ...) of what the particles
-    carry at first, zero where nothing is said; ``volumes`` (n,) [m3]; ``carried``: fields that terms add to x, u, p,
-    shear_rate, kind and id; ``to_come``: rows for particles that enter later.
+    particle number density. Fluid that is ``excluded`` from a step lies in the rows behind those in use;
+    ``restore_all`` brings it back before the fields are read (active_set.py). ``start``: arrays (n, ...) of what the
+    particles carry at first, zero where nothing is said; ``volumes`` (n,) [m3]; ``carried``: fields that terms add to
+    x, u, p, shear_rate, kind and id; ``to_come``: rows for particles that enter later.
     """
 
     def __init__(self, start: dict, volumes, carried: dict[str, Carried], axisymmetric=False, to_come: int = 0):
@@ -64,16 +64,16 @@ class Particles:
 
         self.carried = {name: make(name) for name in specs}
         self.carries_stress = "stress" in specs
-        twin = {name: make(name) for name in specs}  # scratch of the reorder
-        self.twins = [(field, twin[name]) for name, field in self.carried.items()]
+        buffer = {name: make(name) for name in specs}  # scratch of the reorder
+        self.buffers = [(field, buffer[name]) for name, field in self.carried.items()]
         for name, field in self.carried.items():
             setattr(self, name, field)
         self.has_walls = bool((np.asarray(start.get("kind", FLUID)) != FLUID).any())
         self.count = ti.field(ti.i32, ())  # particles in use
         self.excluded = ti.field(ti.i32, ())  # fluid particles behind them, which a step excludes
-        self.recall = no_op  # bring these back
+        self.restore_all = no_op  # bring these back
         self.source_row = ti.field(ti.i32)  # row that each particle had before the reorder
-        all_but_x = [field for pair in self.twins if pair[0] is not self.x for field in pair]
+        all_but_x = [field for pair in self.buffers if pair[0] is not self.x for field in pair]
         for field in (*all_but_x, self.source_row):
             ti.root.dense(ti.i, self.capacity).place(field)
         self.rows = FieldIO(self.carried, self.capacity)
@@ -81,7 +81,7 @@ class Particles:
 
     def load(self, state: dict) -> None:
         """Put arrays (n, ...) into the fields; what is not named becomes zero."""
-        self.recall()
+        self.restore_all()
         self.count[None] = len(state["x"])
         self.rows.load(state, len(state["x"]))
 
@@ -92,7 +92,7 @@ class Particles:
 
     def read(self) -> dict[str, np.ndarray]:
         """All carried fields (n, ...), in the order of the rows."""
-        self.recall()
+        self.restore_all()
         return self.rows.read(self.count[None])
 
     def append(self, positions, velocity, mix: int = 0) -> None:
@@ -117,8 +117,8 @@ class Particles:
     def reorder(self):
         """Move every carried field from row source_row[i] to row i."""
         for i in range(self.count[None]):
-            for field, twin in ti.static(self.twins):
-                twin[i] = field[self.source_row[i]]
+            for field, buffer in ti.static(self.buffers):
+                buffer[i] = field[self.source_row[i]]
         for i in range(self.count[None]):
-            for field, twin in ti.static(self.twins):
-                field[i] = twin[i]
+            for field, buffer in ti.static(self.buffers):
+                field[i] = buffer[i]

@@ -50,7 +50,7 @@ class TimeStep:
         self.falls = yields and quiet > longest  # whether a yielding fluid falls faster than its viscosity lets it flow
         self.longest = min(longest, self.limit)
         self.quiet_step = min(quiet if self.falls else longest, self.limit)
-        self.creeps = yields  # whether a decaying flow takes longer steps
+        self.yields = yields  # whether a decaying flow takes longer steps
         # T [s], in which viscosity, the largest of the mixes, carries a motion through the body
         self.viscous_time = min(m.density / m.typical_slope for m in materials) * height**2
         # limits of a quiet flow and of one at rest: change of the velocity times the step [m], velocity [m/s]
@@ -72,4 +72,4 @@ class TimeStep:
 
     def longest_in(self, decay: float) -> float:
         """Longest step [s] of a quiet flow whose speed falls to 1/e in a ``decay`` [s]."""
-        return min(max(self.quiet_step, CREEP * decay * self.creeps), self.limit)
+        return min(max(self.quiet_step, CREEP * decay * self.yields), self.limit)

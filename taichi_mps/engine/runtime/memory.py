@@ -58,7 +58,7 @@ def table(path: Path, separator: str | None = None) -> list[list[str]]:
         return []
 
 
-def admit(needed: float, what: str, remedy=lambda available: "") -> None:
+def require_available(needed: float, what: str, remedy=lambda available: "") -> None:
     """Raise a SceneError if ``what`` needs more bytes than are available; ``remedy(available)`` ends its message."""
     available = memory()
     if available is not None and needed > available:

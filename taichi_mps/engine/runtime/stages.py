@@ -14,7 +14,7 @@ A method becomes a stage by a decorator:
 
     @stage("gradient")        kernel code: a kernel, or a part of the kernel that calls it
     @sequence("solve")        calls of stages, with loops and branches, in syntax valid both in Python and in a kernel
-    @team_stage("solve")      a sequence for a team: loops from first(n) to last(n), rounds that end with regroup()
+    @team_stage("solve")      a sequence for a team: loops from first(n) to last(n), rounds that end with barrier()
 
 Its numbers are annotated with their types; arguments without annotation are objects.
 """

@@ -36,7 +36,7 @@ class ThreadTeam:
         for turn in range(team.turns):
             member = team.join(turn)
             if member >= 0:
-                enter(team, member); [the work: rounds, each ended by regroup()]
+                enter(team, member); [the work: rounds, each ended by barrier()]
                 team.close()
 
     A member does the turns of a loop over n from ``first`` to ``last``, then it waits. The number of members differs
@@ -166,4 +166,4 @@ leads = _of_member("is_led_by", lambda: True)  # whether the member executes the
 begins = _of_member("is_founder", lambda: True)  # whether the member has been there from the first round
 takes_part = _of_member("has_member", lambda: True)  # whether the thread is a member in this round
 wait = _of_member("barrier", lambda: None, False)  # barrier within a round
-regroup = _of_member("barrier", lambda: None, True)  # barrier at the end of a round, at which members may change
+barrier = _of_member("barrier", lambda: None, True)  # barrier at the end of a round, at which members may change

@@ -69,7 +69,7 @@ class ImplicitScheme(Scheme):
         self.correction = DeferredCorrection(
             fluid, sums, self.strain_rate, self.resistance, averages=self.stress.averages
         )
-        self.wall_stress = NoOp("set_drive_and_weight", "update_weight", force=no_force)
+        self.wall_stress = NoOp("set_driving_force", "update_weight", force=no_force)
         if holds:
             self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
         self.shifting = Shifting(fluid, shifts_in_tension=problem.law == "newtonian")
@@ -162,7 +162,7 @@ class ImplicitScheme(Scheme):
         self.pressure.smooth(dt)
         self.friction.set_initial_slip(dt)
         self.pressure.find_closed_box(int(self.active_set.is_full_step and self.may_be_full))
-        self.wall_stress.set_drive_and_weight()
+        self.wall_stress.set_driving_force()
         self.strain_rate.evaluate(dt)
         self.stress.set_viscosity()
         self.interface.find_normals()
@@ -232,7 +232,7 @@ class ImplicitScheme(Scheme):
         rest become active."""
         super().set_forces(scene, start, dt)
         if any(part.changes(start) for part in scene.in_time):
-            self.active_set.wake()
+            self.active_set.reactivate()
         if scene.jolts_at(start):  # pressure and stress are found anew, as in the first step
             self.first = True
 
@@ -247,7 +247,7 @@ class ImplicitScheme(Scheme):
     def complete_fields(self) -> None:
         """Complete the fields before they are read, after a step in which not all particles took part."""
         if not self.all_active:
-            self.active_set.recall()
+            self.active_set.restore_all()
             self.fluid.neighbors.search()
             self.fluid.gradient.build()
             self.stress.find_yielded()

@@ -13,7 +13,7 @@ from ..particles.kernels import lattice_sums
 from ..problem.feasibility import cells_along_axes
 from ..problem.problem import Problem
 from ..runtime.backend import started
-from ..runtime.memory import admit
+from ..runtime.memory import require_available
 from ..schemes.scheme import kernels
 from .pouring import Pouring
 
@@ -76,4 +76,4 @@ def require_memory(problem: Problem, pairs: float, precision: str | None = None)
         return "" if at is None else f"; spacing must be at least {math.ceil(1e5 * spacing * at) / 1e5:g} m"
 
     what = f"spacing = {spacing:g} m: its {particles_of(problem):.6g} particles take"
-    admit(memory_of(problem, pairs, precision), what, smallest)
+    require_available(memory_of(problem, pairs, precision), what, smallest)

@@ -120,7 +120,7 @@ class Constants:
     def deferred_fraction(self, dt: float) -> float:
         """Fraction of the hourglass resistance that deferred correction removes in a step of dt [s]: all of it where
         steps follow the creep, else less in steps longer than LONG natural ones."""
-        return 1.0 if self.time_step.creeps else min(1.0, LONG * self.time_step.natural / dt)
+        return 1.0 if self.time_step.yields else min(1.0, LONG * self.time_step.natural / dt)
 
     def set_time_step(self, dt: float) -> None:
         """Set mu_r and K for a step of dt [s]: larger in one longer than ``longest``, where less inertia resists the

@@ -102,8 +102,8 @@ class ExplicitViscosity(Term):
         total = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
-            jump = self.Lambda[j] - Lambda_i if self.particles.kind[j] == FLUID else 0.0
-            total += jump * self.gradient.b[k]
+            difference = self.Lambda[j] - Lambda_i if self.particles.kind[j] == FLUID else 0.0
+            total += difference * self.gradient.b[k]
         return (self.dimension / self.gradient.n0) * total
 
     @stage("predictor")

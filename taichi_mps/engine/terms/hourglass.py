@@ -126,10 +126,10 @@ class DeferredCorrection(Term):
             if j < 0:  # never: the way out
                 break
             Gj, hj, b, w = self.strain_rate.G[j], self.resistance.h[j], self.gradient.b[k], self.gradient.weight_r2[k]
-            jump, r = self.pair_sums.motion[j] - ui, b / ti.max(w, 1e-12)
+            difference, r = self.pair_sums.motion[j] - ui, b / ti.max(w, 1e-12)
             h = ti.min(hi * hj / ti.max(hi + hj, 1e-30), max_resistance)
             for a in ti.static(range(self.lanes)):
-                ours, theirs = jump[a], -jump[a]
+                ours, theirs = difference[a], -difference[a]
                 for c in ti.static(range(self.dimension)):
                     ours -= Gi[c, a] * r[c]
                     theirs += Gj[c, a] * r[c]
@@ -144,14 +144,14 @@ class DeferredCorrection(Term):
         """Add the part that mirrored ghosts of a full vessel leave where the velocity is curved along the walls: none
         of it is resisted."""
         slopes, _drag = self.walls.curvature_term(i, self.particles.x[i])
-        push = self.push_of_walls(i)
+        force = self.force_of_walls(i)
         for a in ti.static(range(self.dimension)):
-            self.sums[i][self.dimension, a] += push[a]
+            self.sums[i][self.dimension, a] += force[a]
             for c in ti.static(range(self.dimension)):
                 self.sums[i][c, a] += 2.0 * self.fraction[None] * self.resistance.h[i] * slopes[a, c]
 
     @ti.func
-    def push_of_walls(self, i, face: ti.template() = None):
+    def force_of_walls(self, i, face: ti.template() = None):
         """Force [N] on particle i of what is taken back at the walls."""
         _slopes, drag = self.walls.curvature_term(i, self.particles.x[i], face)
         return -self.fraction[None] * self.resistance.h[i] * drag
@@ -159,7 +159,7 @@ class DeferredCorrection(Term):
     @ti.func
     def force(self, i):
         """Flux matrix [N m] of particle i, to be added to that of its stress, and the force of its bonds [N]."""
-        push = ti.Vector.zero(float, self.dimension)
+        force = ti.Vector.zero(float, self.dimension)
         for a in ti.static(range(self.dimension)):
-            push[a] = self.sums[i][self.dimension, a]
-        return self.gradient.in_plane(self.sums[i].transpose()) @ self.gradient.B[i], push
+            force[a] = self.sums[i][self.dimension, a]
+        return self.gradient.in_plane(self.sums[i].transpose()) @ self.gradient.B[i], force

@@ -39,7 +39,7 @@ class MomentumOperator(Term):
         self.inertia = ti.field(real(), self.capacity)  # rho/dt [kg/(m3 s)]
         # block Jacobi [s/kg], 0: no unknown; and inertia and walls, for coarse levels [kg/s]
         self.inverse_diagonal, self.local = (ti.Matrix.field(d, d, real(), self.capacity) for _ in range(2))
-        self.reference = double_field()  # drive . M^-1 drive over all particles [W]
+        self.reference = double_field()  # f . M^-1 f over all particles [W]
         self.lanes = lanes()
         self.block = BLOCK if self.lanes == 1 else 1
 
@@ -63,7 +63,7 @@ class MomentumOperator(Term):
             if start % self.block == 0:
                 end = ti.min(start + self.block, self.count[None])
                 for i in range(start, end):
-                    self.sums.gather_jump(i)
+                    self.sums.gather_difference(i)
                 for i in range(start, end):
                     self.set_flux(i, u, motion)
         wait()
@@ -78,7 +78,7 @@ class MomentumOperator(Term):
 
     @ti.func
     def set_flux(self, i, u: ti.template(), motion):
-        """The flux of particle i, once the jumps of u are gathered; zero where it carries no stress, for B is."""
+        """The flux of particle i, once the differences of u are gathered; zero where it carries no stress, for B is."""
         G = self.sums.velocity_gradient(i, u, motion)
         T = self.stress.viscous(i, G)
         T += self.constants.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
@@ -92,7 +92,7 @@ class MomentumOperator(Term):
         if self.unknown(i):
             total = self.sums.force(i)
             for a in ti.static(range(self.dimension)):
-                total[a] += self.sums.jumps[i][self.dimension, a]
+                total[a] += self.sums.difference_sums[i][self.dimension, a]
             if ti.static(len(self.walls.surfaces) > 0):
                 total -= self.resistance.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)[0]
                 if ti.static(self.walls.have_friction):
@@ -124,8 +124,8 @@ class MomentumOperator(Term):
                 if ti.static(len(self.walls.surfaces) > 0):
                     shear, bulk, _local = self.stiffness(i)
                     B, x = self.gradient.B[i], self.particles.x[i]
-                    pull, wall_drag, block = self.walls.pull(i, x, B, shear, bulk)
-                    own += pull
+                    of_walls, wall_drag, block = self.walls.coefficients(i, x, B, shear, bulk)
+                    own += of_walls
                     drag += self.resistance.h[i] * wall_drag
                     self.local[i] += block
                 A += self._response(i, own) + drag * ti.Matrix.identity(float, self.dimension)
@@ -145,8 +145,8 @@ class MomentumOperator(Term):
             total = ti.cast(0.0, ti.f64)
             for k in range((self.count[None] - lane + self.lanes - 1) // self.lanes):
                 i = lane + k * self.lanes
-                drive = self.constants.reference_force[None] * self.particles.volume(i)
-                total += ti.cast(self.inverse_diagonal[i].trace() * drive**2, ti.f64)
+                force = self.constants.reference_force[None] * self.particles.volume(i)
+                total += ti.cast(self.inverse_diagonal[i].trace() * force**2, ti.f64)
             self.reference[None] += total / self.dimension
 
     @ti.func
@@ -205,13 +205,13 @@ class MomentumSource(Term):
         for i in range(self.particles.count[None]):
             T = -(self.pressure.p[i] + self.constants.bulk[None] * self.constraint.divergence[i]) * I
             T += self.stress.known_part(i)
-            flux, push = self.correction.force(i)
+            flux, force = self.correction.force(i)
             if ti.static(self.walls.carry_curvature):
                 G = self.gradient.curvature_correction(i)
                 T += self.stress.viscous(i, G) + self.constants.bulk[None] * G.trace() * I
                 flux -= self.operator.resistance.h[i] * G
             self.sums.set_flux(i, self.gradient.spread_stress(i, T) + flux)
-            b[i] = push
+            b[i] = force
         for i in range(self.particles.count[None]):
             self.sums.gather_pull(i)
         for i in range(self.particles.count[None]):

@@ -64,8 +64,8 @@ class PressurePoisson(Term):
         """div u* [1/s] at r* (eq 11), walls included."""
         total = ti.cast(0.0, float)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-            jump = self.particles.u[self.neighbors.column[k]] - self.particles.u[i]
-            total += jump.dot(self.gradient.b[k])
+            difference = self.particles.u[self.neighbors.column[k]] - self.particles.u[i]
+            total += difference.dot(self.gradient.b[k])
         return (self.dimension / self.n0) * total
 
     @stage("pressure matrix")

@@ -49,8 +49,8 @@ class Shifting(Term):
             if ti.static(self.shifts_in_tension):
                 fraction = ti.cast(0.0, float)
                 if self.gradient.neighbour_count[i] >= INTERIOR * self.gradient.full:
-                    pull = -TENSION_FACTOR * self.particles.p[i] * dt / viscosity
-                    fraction = ti.max(0.0, ti.min(1.0, pull)) * (thin_viscosity / viscosity) ** 2
+                    pulled = -TENSION_FACTOR * self.particles.p[i] * dt / viscosity
+                    fraction = ti.max(0.0, ti.min(1.0, pulled)) * (thin_viscosity / viscosity) ** 2
                 self.tension[i] = fraction
             tension = 1.0 - pressure.p[i] / ti.max(stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9)
             # a full closed box is kept out of tension
@@ -78,7 +78,7 @@ class Shifting(Term):
             if self.particles.kind[i] == FLUID:
                 x = self.particles.x[i]
                 l0 = self.spacing * ti.sqrt(self.gradient.cross_section_ratio(i))  # spacing of rings this thin
-                crowding, apart = ti.Vector.zero(float, d), ti.Vector.zero(float, d)
+                repulsion, apart = ti.Vector.zero(float, d), ti.Vector.zero(float, d)
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     j = self.neighbors.column[k]
                     r_ij = ti.cast(self.neighbors.bins.displacement(x, self.particles.x[j]), float)
@@ -86,11 +86,11 @@ class Shifting(Term):
                     e = r_ij / r
                     if ti.static(len(self.walls.separating) > 0):
                         e *= ti.cast(self.gradient.weight_r2[k] > 0.0, float)  # not through a thin wall
-                    crowding += self.gradient.cross_section_ratio(j) * ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
+                    repulsion += self.gradient.cross_section_ratio(j) * ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
-                crowding /= self.gradient.cross_section_ratio(i)
+                repulsion /= self.gradient.cross_section_ratio(i)
                 if ti.static(len(self.walls.surfaces) > 0):
-                    crowding += self.walls.crowding(i, x, self.gradient.cross_section_ratio(i))
+                    repulsion += self.walls.repulsion(i, x, self.gradient.cross_section_ratio(i))
                 perturbation = self.perturbation(x)
                 deforming = ti.max(least, self.deformation_fraction(i, dt, strain))
                 fraction = deforming
@@ -98,7 +98,7 @@ class Shifting(Term):
                     perturbation *= ti.min(1.0, deforming / ti.max(self.tension[i], 1e-12))
                     fraction = ti.max(deforming, self.tension[i])
                 spreading = SHIFT_COEFFICIENT + (TENSION_SHIFT_COEFFICIENT - SHIFT_COEFFICIENT) * self.stretched[i]
-                move = -spreading * l0 * crowding + PERTURBATION * l0 * perturbation
+                move = -spreading * l0 * repulsion + PERTURBATION * l0 * perturbation
                 inward = self.gradient.surface_normal[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
                 if self.gradient.neighbour_count[i] < INTERIOR * self.gradient.full:
@@ -180,8 +180,8 @@ def is_uneven(fluid) -> bool:
         ratio = particles["ring"] / (2.0 * np.pi * np.maximum(x[:, 0], 1e-30) * spacing**2)
     r = np.linalg.norm(r_ij, axis=1)
     pushes = ratio[j] / ratio[i] * np.maximum(0.0, 1.0 - r / (1.5 * spacing * np.sqrt(ratio[i])))
-    crowding = np.add.reduceat(pushes[:, None] * r_ij / np.maximum(r, 1e-30)[:, None], first)
-    return bool((crowding**2).sum(1).mean() > MAX_UNEVENNESS)
+    repulsion = np.add.reduceat(pushes[:, None] * r_ij / np.maximum(r, 1e-30)[:, None], first)
+    return bool((repulsion**2).sum(1).mean() > MAX_UNEVENNESS)
 
 
 @ti.data_oriented

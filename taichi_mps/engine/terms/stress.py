@@ -69,7 +69,7 @@ class SolvedRate(Term):
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] != FLUID:
                 u[i] = self.particles.u[i]
-        self.sums.gather_jumps(u)
+        self.sums.gather_differences(u)
         for i in range(self.particles.count[None]):
             G = self.sums.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
             self.G[i] = G

@@ -98,19 +98,19 @@ class WallLoads(Term):
             for f, wall in ti.static(enumerate(self.walls.faces)):
                 z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
                 if z < self.walls.effective_radius:
-                    push = self.walls.force_term(i, x, flux, f) - h * self.walls.drag_term(i, x, u[i], 1.0, f)[0]
-                    push -= self.walls.friction_term(i, x, u[i], 1.0, f)
-                    push += volume * self.walls.hydrostatic(i, x, weight, self.gradient.B[i], size, f)
-                    push += volume * self.wall_stress.force(i, f) + self.correction.push_of_walls(i, f)
+                    force = self.walls.force_term(i, x, flux, f) - h * self.walls.drag_term(i, x, u[i], 1.0, f)[0]
+                    force -= self.walls.friction_term(i, x, u[i], 1.0, f)
+                    force += volume * self.walls.hydrostatic(i, x, weight, self.gradient.B[i], size, f)
+                    force += volume * self.wall_stress.force(i, f) + self.correction.force_of_walls(i, f)
                     arm = ti.cast(wall.arm(x), float) - z * n
-                    turn = self.axial_vector(arm.outer_product(-push))  # arm x force
+                    turn = self.axial_vector(arm.outer_product(-force))  # arm x force
                     if ti.static(not wall.slip):
                         t, couple = self.walls.tangential(i, wall, f, x, z, curvature, size), flux
                         if ti.static(wall.rotates):
                             couple += h * ti.cast(wall.spin, float)
                         turn += t * self.axial_vector(couple - (couple @ n).outer_product(n))
                     for k in ti.static(self.of_face(f)):
-                        self.forces[k][i] -= push
+                        self.forces[k][i] -= force
                         self.torques[k][i] += turn
 
     def of_face(self, f) -> list:

@@ -4,9 +4,9 @@ With a free surface the stress of the ghosts varies along the wall as that of th
 t(z) to the moment matrix M; without the corresponding force the first row of particles feels only 77 % of a pressure
 gradient along the wall in two dimensions.
 
-In a full vessel the shear stress of the ghosts exceeds that of the first row instead. A drive f = rho g - grad p along
-a wall makes the shear stress grow towards the wall, so a ghost at the normal distance h carries f h more than the
-particle, and the velocity of the ghosts continues with the curvature -f/eta (walls.py).
+In a full vessel the shear stress of the ghosts exceeds that of the first row instead. A driving force f = rho g - grad
+p along a wall makes the shear stress grow towards the wall, so a ghost at the normal distance h carries f h more than
+the particle, and the velocity of the ghosts continues with the curvature -f/eta (walls.py).
 
 The first row, with the stress of its own place, f l0/2 less than that of the wall, would yield late. The law of a
 single Bingham mix is therefore averaged over the neighbourhood that a particle's gradient sees (I31). Any other law is
@@ -32,13 +32,13 @@ def no_force(i, face: ti.template() = None):
 class WallStress(Term):
     """Stress of the ghosts of no-slip walls, besides that of the particle in front of them.
 
-    In a full vessel each particle in reach of such a wall has a drive along it, a weight of the excess of shear stress
-    and a curvature of the velocity, and every particle has a variation of the stress."""
+    In a full vessel each particle in reach of such a wall has a driving force along it, a weight of the excess of shear
+    stress and a curvature of the velocity, and every particle has a variation of the stress."""
 
     def __init__(self, fluid, constants, strain_rate, pressure, stress):
         super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, stress=stress)
         d, self.in_full_vessels = self.dimension, fluid.walls.carry_curvature
-        self.drive = ti.Vector.field(d, real(), self.capacity)  # rho g - grad p [N/m3]
+        self.driving_force = ti.Vector.field(d, real(), self.capacity)  # rho g - grad p [N/m3]
         self.weight = ti.field(real(), self.capacity)  # weight of the excess of shear stress [-]
         self.inverse_moment = ti.Matrix.field(d, d, real(), self.capacity)  # inverse of the moment without walls [-]
 
@@ -55,9 +55,9 @@ class WallStress(Term):
         return force
 
     @stage("wall stress")
-    def set_drive_and_weight(self):
-        """Set the inverse moment without walls and, in a full vessel, drive, weight, curvature and variation of the
-        stress at the start of a step. The weight is that with which the present stress is in equilibrium."""
+    def set_driving_force(self):
+        """Set the inverse moment without walls and, in a full vessel, driving force, weight, curvature and variation of
+        the stress at the start of a step. The weight is that with which the present stress is in equilibrium."""
         for i in range(self.particles.count[None]):
             if self.touches_wall(i):
                 M = ti.Matrix.zero(float, self.dimension, self.dimension)
@@ -73,7 +73,7 @@ class WallStress(Term):
                 for i in range(self.particles.count[None]):
                     self.stress.variation[i] = self.stress_variation(i) if self.pressure.full[None] == 1 else 0.0
             for i in range(self.count_in_full_vessel()):
-                self.set_drive(i)
+                self.set_driving_force_of(i)
 
     @stage("wall stress")
     def update_weight(self):
@@ -100,19 +100,20 @@ class WallStress(Term):
         return self.inverse_moment[i] @ N
 
     @ti.func
-    def set_drive(self, i):
-        """Set the drive along the walls, the weight of the excess and the curvature of the velocity of particle i."""
+    def set_driving_force_of(self, i):
+        """Set the driving force along the walls, the weight of the excess and the curvature of the velocity of particle
+        i."""
         self.walls.velocity_curvature[i] = ti.Vector.zero(float, self.dimension)
-        self.drive[i] = ti.Vector.zero(float, self.dimension)
+        self.driving_force[i] = ti.Vector.zero(float, self.dimension)
         if self.gradient.B[i][0, 0] > 0.0 and self.touches_wall(i):
-            self.drive[i] = self.constants.weight_of(i) - self.pressure_gradient(i)
+            self.driving_force[i] = self.constants.weight_of(i) - self.pressure_gradient(i)
             size = self.stress.shear_stress_magnitude(i, self.stress.viscosity(i, self.particles.shear_rate[i]))
             over = ti.max(0.0, size - self.stress.yield_stress(i))
             self.weight[i] = self.excess_weight(i, ti.sqrt(over / ti.max(self.half_layer_stress(i), 1e-12)), size)
             # the fraction of the layer up to the next row that flows
             flowing_fraction = ti.min(self.weight[i], over / ti.max(2.0 * self.half_layer_stress(i), 1e-12))
-            # fraction of the drive that the stress along a concave wall bears, half in a pipe [-]; 0 at a convex wall,
-            # along which a drive hardly ever acts
+            # fraction of the driving force that the stress along a concave wall bears, half in a pipe [-]; 0 at a
+            # convex wall, along which one hardly ever acts
             bent = ti.cast(0.0, float)
             for f, wall in ti.static(self.walls.select_faces(None, "no_slip")):
                 if ti.static(wall.curved):  # noqa: SIM102  (a compiled choice stays apart)
@@ -120,7 +121,7 @@ class WallStress(Term):
                         _z, _n, _v, k = wall.face(i, self.particles.x[i], self.walls.slots[f])
                         borne = k * size * self.gradient.spacing / ti.max(2.0 * self.half_layer_stress(i), 1e-12)
                         bent = ti.max(0.0, ti.min(1.0, borne))
-            curvature = -flowing_fraction * (1.0 - bent) * self.drive[i] / ti.max(self.stress.slope(i), 1e-12)
+            curvature = -flowing_fraction * (1.0 - bent) * self.driving_force[i] / ti.max(self.stress.slope(i), 1e-12)
             self.walls.velocity_curvature[i] = 0.25 * self.gradient.spacing * curvature
 
     @ti.func
@@ -163,13 +164,13 @@ class WallStress(Term):
 
     @ti.func
     def half_layer_stress(self, i):
-        """Growth f l0/2 [Pa] of the shear stress over half a layer, f [N/m3] the largest part of the drive of particle
-        i along a no-slip wall in reach."""
+        """Growth f l0/2 [Pa] of the shear stress over half a layer, f [N/m3] the largest part of the driving force of
+        particle i along a no-slip wall in reach."""
         most = ti.cast(0.0, float)
         for f, wall in ti.static(self.walls.select_faces(None, "no_slip")):
             if self.walls.c[i, f] > 0.0:
                 _z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
-                most = ti.max(most, (self.drive[i] - n * n.dot(self.drive[i])).norm())
+                most = ti.max(most, (self.driving_force[i] - n * n.dot(self.driving_force[i])).norm())
         return 0.5 * self.gradient.spacing * most
 
     @ti.func
@@ -180,7 +181,7 @@ class WallStress(Term):
         for f, wall in ti.static(self.walls.select_faces(face, "no_slip")):
             if self.walls.c[i, f] > 0.0:
                 z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
-                along = self.drive[i] - n * n.dot(self.drive[i])
+                along = self.driving_force[i] - n * n.dot(self.driving_force[i])
                 depth = self.walls.ghosts.lookup("normal", i, wall, f, x, z, curvature, size)
                 total -= along * (n.dot(self.gradient.B[i] @ n) * depth)
         return self.weight[i] * total
