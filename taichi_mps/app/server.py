@@ -33,7 +33,6 @@ LOCALHOST = "127.0.0.1"
 REFUSED = "Only for this machine: type the address into the browser."
 STATIC = Path(__file__).with_name("static")
 MAX_REQUEST_BYTES = 100_000  # of a query
-SERVED_FILES = {"animation.gif"}  # files of a run that the page shows, besides PICTURE
 PICTURE = re.compile(rf"frames/{PICTURE_NAME.pattern}")
 PAGE_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 COMMON_HEADERS = {
@@ -76,7 +75,7 @@ class OnlyHere(BaseHTTPMiddleware):
 def file_of(folder, run: str, name: str) -> FileResponse:
     """Response with a file of a run in a folder of runs; 404 for any other file. A file that a browser would execute as
     a page is sent as a download, since a run may come from anybody."""
-    served = name in SERVED_FILES | set(SAVED) or PICTURE.fullmatch(name)
+    served = name in {"animation.gif", *SAVED} or PICTURE.fullmatch(name)
     try:
         run_folder = RunFolder(folder / run)
         path = run_folder.path / name

@@ -38,9 +38,8 @@ class Drawing:
         with suppress(BrokenExecutor):
             return self.second and self.second.submit(draw_in_second, last)
 
-    def finish(self) -> None:
-        """Wait until all is drawn; draw here where the second process failed or is none."""
-        drawn = self.submit(last=True)
+    def finish(self, drawn) -> None:
+        """Wait for the future of the last output; draw here where it has failed or is none."""
         if not drawn or drawn.exception():
             self.draw(last=True)
         self.__exit__()  # now, so that its processor time counts

@@ -38,8 +38,6 @@ from .case_file import NOT_IN_CASE, case_text
 from .options import DIVERGED, DONE, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
 
-# what would end where a run ended that goes on; the last two are of version 0.2
-ENDING = "report.html", "animation.gif", "slump.png", "history.png"
 CASE = "case"  # among the settings in a checkpoint: checksum of case.toml as it was written
 IMPORTED = time.process_time()  # [s] that the import of the command line took, by which the clock knows the machine
 
@@ -96,7 +94,8 @@ def carry_out(sim, folder, options, source, as_json, clock, drawing, resumed=Non
             folder.create(options.overwrite)
         else:
             keep_edited(folder.case, resumed.get(CASE))
-            for name in ENDING:
+            # what would end where that run ended; the last two are of version 0.2
+            for name in ("report.html", "animation.gif", "slump.png", "history.png"):
                 (folder.path / name).unlink(missing_ok=True)
         write_whole(folder.case, case)
         settings |= {CASE: crc32(folder.case.read_bytes())}
@@ -121,12 +120,17 @@ def complete(folder, drawing) -> None:
     """Make what is missing of a run that has ended: pictures, animation, report."""
     from ..report.page import write
 
-    if drawing.options.pictures:
+    def finish():
         with optional("more pictures"):
-            drawing.finish()
-        if not folder.report.is_file():
+            drawing.finish(last)
+
+    if drawing.options.pictures:
+        last = drawing.submit(last=True)
+        if folder.report.is_file():
+            finish()
+        else:
             with optional(folder.report.name):
-                write(folder, drawing.scene, drawing.scene_file)
+                write(folder, drawing.scene, drawing.scene_file, finish=finish)
     folder.clock.unlink(missing_ok=True)
 
 

@@ -37,7 +37,6 @@ COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the sc
 # columns and entries of a step report by their names in version 0.2
 NAMES_OF_0_2 = {"viscous_iterations": "outer_iterations", "pressure_iterations": "solver_iterations"}
 RESIDUALS = "strain_rate_residual", "divergence_residual"  # columns that runs of version 0.2 lack
-CHECKSUM_OF_0_2 = "crc32"  # last column of version 0.2
 NOTHING = "nan"  # what an empty cell stands for
 MAX_BYTES = 3e8  # a million rows, in seconds
 
@@ -170,7 +169,8 @@ def read_rows(path) -> list[dict[str, str]]:
     wrong = next((k for k, cells in enumerate(rows, 1) if len(cells) != len(columns)), None)
     require(wrong is None, f"{path}: damaged, row {wrong} has another number of cells than there are columns")
     rows = [dict(zip(columns, cells, strict=True)) for cells in rows]
-    rows = [{name: cell for name, cell in row.items() if name != CHECKSUM_OF_0_2} for row in rows]
+    # crc32: last column of version 0.2
+    rows = [{name: cell for name, cell in row.items() if name != "crc32"} for row in rows]
     try:
         _ = [float(cell or NOTHING) for row in rows for cell in row.values()]
     except ValueError as error:

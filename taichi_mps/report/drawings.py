@@ -18,7 +18,7 @@ from .sentences import is_scene_measure
 
 MAX_FILM_BYTES = 2_500_000  # of a film before base64, which adds a third: a page has less than 5 MB
 SURFACE_CELL = 0.8  # side of the cells of a surface over l0
-MAX_STEPS_BETWEEN, SMOOTH_FILM = 3, 60  # steps from an output to the next, at most; pictures of a film that is smooth
+MAX_STEPS_BETWEEN, SMOOTH_FILM = 2, 60  # steps from an output to the next, at most; pictures of a film that is smooth
 MAX_POSITION_CODE = 4095  # largest code of a position
 MAX_SPEED_CODE, FLOWING_BIT = 127, 128  # largest code of a speed; bit of flowing particles
 MAX_POINTS = 400  # of a curve

@@ -52,12 +52,14 @@ class RunRecord:
             self.summary = facts | {"simulated_seconds": last["time_s"]} | sentences.measures(last)
 
 
-def write(folder: RunFolder, scene: Scene | None = None, scene_file=None, title=None, note=None) -> Path:
+def write(
+    folder: RunFolder, scene: Scene | None = None, scene_file=None, title=None, note=None, finish=lambda: None
+) -> Path:
     """Write report.html of a run, finished or killed, and return its path.
 
     ``scene``: scene of the run, made again by default, a user's own by the code of ``scene_file``. ``title`` and
-    ``note``: texts of the user, by default those that the run was given. SceneError if the folder is no run or
-    damaged."""
+    ``note``: texts of the user, by default those that the run was given. ``finish`` is called before the last picture
+    is read. SceneError if the folder is no run or damaged."""
     run = RunRecord(folder, scene, scene_file)
     run.summary |= {key: text for key, text in (("title", title), ("note", note)) if text}
     shown, last = film(Trajectory(folder.trajectory), run.scene, run.history)
@@ -65,6 +67,7 @@ def write(folder: RunFolder, scene: Scene | None = None, scene_file=None, title=
     template, style, *scripts = ((PAGE_PARTS / name).read_text(encoding="utf-8") for name in names)
     texts = page_texts(run, shown) | dict(zip(("charts", "viewer", "page"), scripts, strict=True))
     data = json.dumps(drawings(run, shown, last), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    finish()
     page = Template(template).substitute(texts, style=style, data=data, still=last_picture(folder))
     write_whole(folder.report, page)
     return folder.report

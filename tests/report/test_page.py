@@ -212,7 +212,7 @@ def test_what_does_not_fit_is_left_out_evenly(run):
     outputs = list(trajectory.replay())
     scene, history = outputs[0].scene, read_history(run.history)
     whole, _ = drawings.film(trajectory, scene, history)
-    assert whole["outputs"] == len(outputs) == 9 and len(whole["times"]) == 25  # two between each two of them
+    assert whole["outputs"] == len(outputs) == 9 and len(whole["times"]) == 17  # one between each two of them
     packed = drawings.pack(
         *drawings.surface_geometry(scene, outputs[-1].state),
         1.0,
