@@ -7,7 +7,7 @@ from contextlib import suppress
 from multiprocessing import get_context
 
 from ..io.vtkhdf import Trajectory
-from .stopped import program_start
+from .stopped import handle, program_start
 
 SIZE = {"width": 640, "height": 360}  # of the pictures of a run [pixels], half of those of 'render'
 
@@ -60,14 +60,14 @@ class Drawing:
 
 
 def begin(drawing: Drawing) -> None:
-    """Begin as the second process of a drawing."""
-    global _drawing
+    """Begin as the second process of a drawing, which signals do not end: the run decides."""
     from ..study.sweep import end_with_parent
 
+    handle(lambda *_: None)
     end_with_parent()
-    _drawing = drawing
+    draw_in_second.drawing = drawing
 
 
 def draw_in_second(last: bool) -> None:
     """Draw in the second process."""
-    _drawing.draw(last)
+    draw_in_second.drawing.draw(last)
