@@ -15,8 +15,9 @@ SIZE = {"width": 640, "height": 360}  # of the pictures of a run [pixels], half 
 class Drawing:
     """Pictures and animation of a run.
 
-    As a context of a run that wants ``pictures`` it has a second process that draws each output meanwhile: a copy of
-    this one before Taichi starts, if this is the program, on Linux. What that has not drawn is drawn by this one.
+    A context around a run. On Linux the program ``taichi-mps`` forks a second process before Taichi starts, which draws
+    each output while the run goes on. Outputs that it has not drawn are drawn by this process at the end, as are all of
+    them elsewhere. The options turn ``pictures`` off.
     """
 
     def __init__(self, folder, options, scene=None, scene_file=None):

@@ -65,7 +65,8 @@ class Clock:
         self.part, self.first, self.last_answer = PARTS[0], (0, 0.0), 0.0
         self.begun = self.since = time.monotonic() if begun is None else begun
         self.expected["start"] = max(self.expected["start"], time.monotonic() - self.begun)  # a solid takes longer
-        self.cpu_begun = sum(os.times()[:4]) if begun is None else 0.0
+        # processes that ended before are not of the run: a shell that becomes the program leaves it its own
+        self.cpu_begun = sum(os.times()[:4] if begun is None else os.times()[2:4])
 
     @property
     def whole(self) -> float:

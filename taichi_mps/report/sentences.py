@@ -28,11 +28,8 @@ MEASURED = "slump_m", "spread_m"  # measures that are columns of every history
 # Bingham fluid with tau_y D/(eta U) = 10 [%]: beside the exact drag, and beside bars four particles thick, in square
 # arrays 8 to 20 bars wide (tests/boundaries/test_thin_bars.py)
 THIN, TOO_LITTLE, TOO_MUCH = (0.4, 0.64, 1.0), (5.0, 11.0, 10.0), (31.0, 15.0, 6.0)
-PARTS = {
-    "ready": "making ready",
-    "pictures": "last pictures",
-    "report": "pictures and report",
-}  # names of parts of a run other than their keys
+# names of parts of a run other than their keys
+PARTS = {"ready": "making ready", "pictures": "last pictures", "report": "pictures and report"}
 
 
 def answer(summary: dict) -> list[str]:

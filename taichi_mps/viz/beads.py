@@ -34,10 +34,10 @@ class Beads:
             run, column = expand_runs(left[sphere], wide[sphere])
             sphere, row = sphere[run], row[run]
             pixel = row * width + column
-            open_ = (z - self.radius)[sphere] < (keys[pixel] >> np.uint64(32)).astype(np.uint32).view(np.float32)
-            sphere, pixel = sphere[open_], pixel[open_]
+            visible = (z - self.radius)[sphere] < (keys[pixel] >> np.uint64(32)).astype(np.uint32).view(np.float32)
+            sphere, pixel = sphere[visible], pixel[visible]
             ray = [
-                ((at[open_] + 0.5 - 0.5 * size) / focal).astype(np.float32)
+                ((at[visible] + 0.5 - 0.5 * size) / focal).astype(np.float32)
                 for at, size in ((column, width), (row, height))
             ]
             square = ray[0] ** 2 + ray[1] ** 2 + 1.0
