@@ -49,7 +49,7 @@ LONGEST = (
     "geometry/test_solid.py",
 )
 
-# the docs, and what a browser shows: a run by itself in .ci/run
+# the docs, and what a browser shows: in .ci/run after the default suite
 PAGES = ("app/test_app.py", "report/test_page.py", "test_docs.py")
 
 # each term, solver and wall, and a resume, in three minutes on two cores: what .ci/run repeats with the lowest versions

@@ -1,4 +1,5 @@
-"""Command line: one function for each command, see COMMANDS. Taichi is imported when a run starts."""
+"""Command line: one function for each command, see ``commands``. Taichi is imported when a run starts, the studies
+where a command is one of theirs."""
 
 import os
 import platform
@@ -48,7 +49,6 @@ from .run import (
     require_slump,
     show_end,
 )
-from .study import COMMANDS as STUDY
 
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme that does not come to rest
 RUN = {"run": {"help": "run folder"}} | JSON
@@ -297,23 +297,32 @@ COMMANDS = {
     "render": render,
     "export": export,
     "report": report,
-    **STUDY,
     "scenes": scenes,
     "info": info,
 }
 GONE_COMMANDS = {"plot": GONE["plots"], "validate": "from a checkout: python -m validation ROW"}
 
 
+def commands(name=None) -> dict:
+    """Return COMMANDS, and those of studies where ``name`` is none of them: their import takes a tenth of a second."""
+    if name in COMMANDS:
+        return COMMANDS
+    from .study import COMMANDS as STUDY
+
+    return COMMANDS | STUDY
+
+
 def main(argv=None, more=None) -> int:
-    """Run a command line, of COMMANDS and ``more``; 0 done, 2 bad input, 3 diverged, 130, 143 and 129 ended by Ctrl-C,
-    SIGTERM and SIGHUP; of a sweep 1: a case failed. BrokenPipeError where nobody reads what it prints any more,
+    """Run a command line, of ``commands`` and ``more``; 0 done, 2 bad input, 3 diverged, 130, 143 and 129 ended by
+    Ctrl-C, SIGTERM and SIGHUP; of a sweep 1: a case failed. BrokenPipeError where nobody reads what it prints any more,
     OutputError where that cannot be written."""
     require(argv is None or isinstance(argv, list | tuple), f"argv = {quote(argv, '')}: must be a list of words")
     prepare_streams()
-    argv, commands = [str(word) for word in (sys.argv[1:] if argv is None else argv)], COMMANDS | (more or {})
+    argv = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
     try:
+        known = commands(*argv[:1]) | (more or {})
         if not argv or argv[0] in ("-h", "--help"):
-            each = [f"  {name:9} {command.__doc__}" for name, command in commands.items()]
+            each = [f"  {name:9} {command.__doc__}" for name, command in known.items()]
             example = "example: taichi-mps run slump --yield-stress 500; its result is renders/slump/report.html"
             say("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *each, "", example]))
             return DONE if argv else BAD_INPUT
@@ -322,11 +331,11 @@ def main(argv=None, more=None) -> int:
             return DONE
         gone = GONE_COMMANDS.get(argv[0])
         require(not gone, f"the command {argv[0]} is gone; {gone}")
-        require(argv[0] in commands, f"unknown command '{argv[0]}'{suggestion(argv[0], commands)}")
+        require(argv[0] in known, f"unknown command '{argv[0]}'{suggestion(argv[0], known)}")
         with warnings.catch_warnings():  # a warning is a line and never ends a run, whatever PYTHONWARNINGS says
             warnings.filters = [each for each in warnings.filters if each[0] != "error"]
             warnings.showwarning = lambda message, *_: print(f"taichi-mps: {plain(message)}", file=sys.stderr)
-            return commands[argv[0]](argv[1:])
+            return known[argv[0]](argv[1:])
     except (BrokenPipeError, OutputError):
         raise
     except (SceneError, OSError, ImportError, MemoryError) as error:  # or the disk is full, memory has an end

@@ -132,7 +132,7 @@ def test_a_command_line_is_taken_or_refused(words):
 
 @given(
     st.lists(
-        st.text(max_size=8) | st.sampled_from([*cli.COMMANDS, "--json", "--out", "--help", "slump"]),
+        st.text(max_size=8) | st.sampled_from([*cli.commands(), "--json", "--out", "--help", "slump"]),
         min_size=1,
         max_size=5,
     )
