@@ -7,6 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.runtime.backend import ti
+from taichi_mps.engine.terms.rheology import OwnLaw
 from taichi_mps.input import catalogue
 
 
@@ -43,6 +44,33 @@ def of_nothing(rate, structure):
     pass
 
 
+def cut_to_integers(rate, structure):
+    x = 0
+    if rate > 0.0:
+        x = rate / (rate + 2.0)
+    return 40.0 + 20.0 * rate + 60.0 * x
+
+
+def with_the_structure_an_integer(rate, structure):
+    x = 1
+    if structure > 0.0:
+        x = 1.0 + 0.5 * structure
+    return 40.0 * x + 20.0 * rate
+
+
+def nan_times_zero(rate, structure):
+    return 40.0 + 20.0 * rate + 0.0 * (rate - 0.5) ** 1.5
+
+
+@ti.func
+def doubled(rate):
+    return 2.0 * rate
+
+
+def of_a_part_for_kernels(rate, structure):
+    return 40.0 + doubled(10.0 * rate)
+
+
 def until_it_has_grown(rate, structure):
     return 40.0 * ti.sqrt(1.0 - structure) + 20.0 * rate
 
@@ -67,6 +95,27 @@ def film(law, growth=None):
         (negative, None, "shear_stress = negative: is -40 Pa at a shear rate of 0 1/s .*; must be finite and at least"),
         (falling, None, r"shear_stress = falling: falls from 90 to 88.7 Pa from 1 to 1.26 1/s; must not fall"),
         (of_nothing, None, "shear_stress = of_nothing: cannot be compiled"),
+        (
+            cut_to_integers,
+            None,
+            "shear_stress = cut_to_integers: is [0-9.e+]+ Pa compiled and [0-9.e+]+ Pa in Python, at a shear rate",
+        ),
+        (
+            ti.func(cut_to_integers),
+            None,
+            "shear_stress = cut_to_integers: is .* must be the same .x = 0 makes an integer",
+        ),
+        (
+            with_the_structure_an_integer,
+            None,
+            "shear_stress = with_the_structure_an_integer: is 40 Pa compiled and 60 Pa in Python, at .* of 1;",
+        ),
+        (sound, cut_to_integers, "growth = cut_to_integers: is .* 1/s compiled and"),
+        (
+            nan_times_zero,
+            None,
+            "shear_stress = nan_times_zero: is 40 Pa compiled and nan Pa in Python, at a shear rate of 0 1/s",
+        ),
         (sound, infinite, "growth = infinite: is inf 1/s at a shear rate of 0 1/s and a structure of 0; must be fin"),
     ],
 )
@@ -75,6 +124,11 @@ def test_what_is_no_law_is_refused_in_one_line_before_anything_is_allocated(law,
     with pytest.raises(mps.SceneError, match=f"^material: {message}") as refusal:
         mps.Simulation(film(law, growth))
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("law", [sound, ti.func(sound), of_a_part_for_kernels])
+def test_a_sound_law_is_taken_whether_python_can_call_it_or_not(law):
+    assert OwnLaw(film(law).material).evaluate(np.array([2.0]), np.zeros(1))[0] == pytest.approx(80.0)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Constitutive laws: apparent viscosity of the bi-viscosity Bingham law, the true yield law, and flow curves (eqs 1-3,
 5, 9); before a run and after its steps, a law of the user's own is checked."""
 
+from inspect import unwrap
 from types import FunctionType, MethodType
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..runtime.field_io import FieldIO
 RATES = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 91)])  # [1/s], of the look before a run
 READ = "kind", "shear_rate", "structure", "mix"  # carried fields that are read after each step
 FALL = 1e-3  # of the largest stress: by so much rounding may make a curve fall
+DIFFERENCE = 1e-3, 1e-6  # of a value and of the largest one: by so much compiling may change a law
 
 
 @ti.func
@@ -179,13 +181,15 @@ class OwnLaw:
     """Flow curve and growth of a material, number ``mix`` of its scene, outside of any scheme.
 
     SceneError when made, before anything is allocated, for a function that Taichi cannot compile, or that gives over
-    RATES and an untouched structure what is not finite, a negative stress, or one that falls.
+    RATES another value than in Python, or for an untouched structure one that is not finite, a negative stress, or one
+    that falls.
     """
 
     def __init__(self, material, mix: int = 0):
         names = {key: f"{key} = {name_of(function)}" for key, function in material.functions.items()}
         self.mix, self.has_growth, self._named = mix, material.ages, f"material: {names['shear_stress']}"
         self._growth_named = names.get("growth")
+        self._functions = material.functions.values()
         self.curve, self.growth = compiled(material.shear_stress), compiled(material.growth) if material.ages else None
         self._rows = None  # what is read of the particles, from the first step on
         try:
@@ -197,6 +201,8 @@ class OwnLaw:
                 f"({type(error).__name__}: {lines[-1].strip()}); must be plain arithmetic of (rate, structure)"
             ) from None
         broken = self._broken(RATES, np.zeros_like(RATES), stress, rise)
+        for structure in (0.0, 1.0):
+            broken = broken or self._difference(structure)
         falls = np.flatnonzero(np.diff(stress) < -FALL * stress.max()) if not broken else []
         if len(falls):
             rates, stresses = (f"{a[falls[0]]:.3g} to {a[falls[0] + 1]:.3g}" for a in (RATES, stress))
@@ -237,6 +243,23 @@ class OwnLaw:
         rate, structure = np.concatenate([0.0 * rate, rate]), np.concatenate([structure, structure])
         return self._broken(rate, structure, *self.evaluate(rate, structure))
 
+    def _difference(self, structure) -> str | None:
+        """Value of the law at one of RATES and a structure [-] that differs in Python, where Python can tell it."""
+        found = self.evaluate(RATES, np.full_like(RATES, structure))
+        for name, unit, function, values in zip(
+            (self._named, f"material: {self._growth_named}"), ("Pa", "1/s"), self._functions, found, strict=False
+        ):
+            exact = python_values(function, structure, values)
+            known = np.isfinite(exact)
+            most = DIFFERENCE[0] * np.abs(exact) + DIFFERENCE[1] * np.abs(exact[known]).max(initial=0.0)
+            apart = np.flatnonzero(~(np.abs(values - exact) <= most) & (known | (structure == 0.0)))
+            if len(apart):
+                k = apart[(np.abs(values - exact) / (most + 1e-300))[apart].argmax()]
+                at = f"at a shear rate of {RATES[k]:.3g} 1/s and a structure of {structure:g}"
+                both = f"is {values[k]:.4g} {unit} compiled and {exact[k]:.4g} {unit} in Python"
+                return f"{name}: {both}, {at}; must be the same (x = 0 makes an integer, which stays one: x = 0.0)"
+        return None
+
     def _broken(self, rate, structure, stress, growth) -> str | None:
         wrong = np.flatnonzero(~(np.isfinite(stress) & (stress >= 0.0) & np.isfinite(growth)))
         if not len(wrong):
@@ -246,6 +269,16 @@ class OwnLaw:
         if np.isfinite(stress[k]) and stress[k] >= 0.0:
             return f"material: {self._growth_named}: is {growth[k]:g} 1/s {where}; must be finite"
         return f"{self._named}: is {stress[k]:g} Pa {where}; must be finite and at least 0 Pa"
+
+
+def python_values(function, structure, otherwise) -> np.ndarray:
+    """Values at RATES of a law as the Python function that it is; ``otherwise`` where Python cannot call it, as with
+    parts that only kernels may call."""
+    try:
+        with np.errstate(all="ignore"):
+            return np.array([unwrap(function)(rate, np.float64(structure)) for rate in RATES], float)
+    except Exception:  # whatever a function of somebody else raises
+        return otherwise
 
 
 def name_of(function) -> str:
