@@ -13,10 +13,10 @@ from ..input.labels import in_words, title, unit_of_measure
 from ..units import Picture, Place, SceneError, quote, unit_of, validated, writing
 from .calibrate import CONE_RESULTS
 from .curves import SHEAR_RATES
-from .emulator import DENSITY, emulator_of
+from .emulator import DENSITY, emulator_of, positive
 from .mixes import VERDICTS
 from .require import fills
-from .tables import measures
+from .tables import measures, read
 
 COLOURS = ("#1f5f99", "#d1662a", "#2e8b57", "#8f4f9f", "#b8323f", "#7a6a35", "#4b8ea8", "#555b63")
 STYLE = {
@@ -80,18 +80,33 @@ def reference(name: str) -> np.ndarray:
     return np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8", deletechars="")
 
 
-@validated
-def slump_chart(out: Picture, study: Place | None = None) -> Path:
-    """Draw slump and slump flow [cm] of the cone against yield stress, by a study, finite elements and formulas."""
+def engine_curves(study) -> list[tuple]:
+    """Return curves of the cone at one viscosity each: the viscosity [Pa s], yield stresses [Pa], slump and slump flow
+    [m], by similarity at DENSITY. They are the cases of a study that has one viscosity, else its emulator's."""
+    rows = [row for row in read(study) if row["status"] == "done"] if study else []
+    names, scenes = ("plastic_viscosity", "yield_value", *CONE_RESULTS), {str(row.get("scene")) for row in rows}
+    if {Path(scene).stem for scene in scenes} == {"slump"} and all(positive(row.get(n)) for row in rows for n in names):
+        by_density = DENSITY / np.array([row.get("density") or DENSITY for row in rows])
+        viscosity, yields, *lengths = np.array([[row[name] for name in names] for row in rows]).T
+        if np.ptp(viscosity * by_density) == 0.0:
+            order = np.argsort(yields * by_density)
+            return [(viscosity[0] * by_density[0], *np.array([yields * by_density, *lengths])[:, order])]
     emulator = emulator_of(study)
-    figure, (left, right) = _figure(13.0, 6.6, columns=2)
     yields = np.exp(np.linspace(emulator.low[0], emulator.high[0], 200)) * DENSITY
     low, middle, high = DENSITY * np.exp([emulator.low[1], emulator.axes[1].mean(), emulator.high[1]])
     shown = [eta for eta in VISCOSITIES if low <= eta <= high] or [float(f"{middle:.2g}")]
-    for eta, colour in zip(shown, COLOURS, strict=False):
-        found = emulator.at(np.log(yields / DENSITY), np.full(len(yields), np.log(eta / DENSITY)))
-        for axes, name in ((left, "slump_m"), (right, "spread_m")):
-            axes.semilogx(yields, 100.0 * found[name], color=colour, lw=2.4, label=f"this engine, {eta:g} Pa s")
+    found = [emulator.at(np.log(yields / DENSITY), np.full(len(yields), np.log(eta / DENSITY))) for eta in shown]
+    return [(eta, yields, *map(at.get, CONE_RESULTS)) for eta, at in zip(shown, found, strict=True)]
+
+
+@validated
+def slump_chart(out: Picture, study: Place | None = None) -> Path:
+    """Draw slump and slump flow [cm] of the cone against yield stress, by a study, finite elements and formulas."""
+    curves = engine_curves(study)
+    figure, (left, right) = _figure(13.0, 6.6, columns=2)
+    for (eta, yields, *lengths), colour in zip(curves, COLOURS, strict=False):
+        for axes, length in zip((left, right), lengths, strict=True):
+            axes.semilogx(yields, 100.0 * length, color=colour, lw=2.4, label=f"this engine, {eta:g} Pa s")
     formulas = reference("A_slump_vs_yield_abrams.csv")
     tau = formulas["tau0_Pa"]
     for (name, (who, (low, high))), style in zip(FORMULAS.items(), ("-", "--", "-.", ":", (0, (1, 3))), strict=True):

@@ -1,7 +1,9 @@
 """Measured curves of a user, a measure of a scene against time or end values against its keywords, and the result of
 their fit: the constants of a law with intervals, its flow curve, and what is determined."""
 
+import re
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +13,17 @@ from ..input.labels import OPTIONS, RESULTS, UNITS, in_words, title
 from ..spelling import in_unit, without_unit
 from ..units import SceneError, require, unit_of, user_path
 from .calibration import FittedConstants, rounded
-from .tables import COLUMN_NAMES, ROW_ERROR, key_of, match_column, read_list
+from .tables import COLUMN_NAMES, ROW_ERROR, key_of, match_column, read_list, words_of
 
-TIME_COLUMNS = "time t zeit temps 時間"  # names of the column of the times
-DIAMETER = "spread_m"  # measure of a column 'diameter', which is an ignored word beside other names
+TIME_COLUMNS = (  # names of the column of the times
+    "time times t elapsed elapsedtime seconds second sec secs s timestamp timeafterlifting timesincelifting "
+    "zeit laufzeit zeitstempel sekunden temps tempsécoulé 時間 経過時間 時刻 秒"
+)
+FRAMES = re.compile(r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(\d+(?:\.\d+)?)\s*(?:fps|hz|1/s|/s)\W*")  # and their rate
+# words of the name of a column that names runs
+NAME_WORDS = "test concrete mix batch sample specimen name id no nr number probe versuch mischung 試験 配合 供試体 番号"
+DIAMETER = "spread_m"  # measure of a column 'diameter'
+MAX_GIVEN = 0.1  # part of the shear stress by constants that were given, up to which it counts as found
 SHEAR_RATES = np.geomspace(0.1, 1000.0, 81)  # of a flow curve [1/s]
 
 
@@ -55,46 +64,64 @@ def column_meanings(keywords: dict, measures) -> tuple[dict[str, str], dict[str,
             stem,
             title(name),
             *COLUMN_NAMES.get(stem, "").split(),
-            *([""] if name == DIAMETER else []),
+            *(["diameter"] if name == DIAMETER else []),
         ]
     return {key_of(word): name for name, words in spellings.items() for word in words}, units
 
 
 def read_curves(path, keywords: dict, measures, given=()) -> list[Curve]:
     """Read the curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds
-    several curves or end values, the scene's ``keywords`` {name: pydantic field} that are not ``given`` besides; a
-    warning names the others. SceneError for any other file."""
+    several curves or end values, the scene's ``keywords`` {name: pydantic field} that are not ``given``, or names, of
+    NAME_WORDS; a warning names the others. SceneError for any other file."""
     path = user_path(path)
     rows, where = read_list(path, "curve"), f"curve = {path}: "
     words, units = column_meanings(keywords, measures)
     contents = {column: match_column(column, words, units.get) for column in rows[0] if column}
+    for column in contents:
+        if at := FRAMES.fullmatch(column):
+            contents[column] = "time", "s"
+            for row in rows:
+                with suppress(ValueError, KeyError):  # told below
+                    row[column] = str(float(row[column]) / float(at[1]))
+    names = [column for column in contents if (of := words_of(column)) and set(of) <= set(NAME_WORDS.split())]
+    names = [column for column in names if len({row.get(column) for row in rows}) > 1]
     found = [field for field, _ in contents.values() if field]
     twice = next((field for field in found if [*found, *given].count(field) > 1), "")
     require(not twice, f"{where}{twice} is a column of it; must be there once, and not be given as an option, too")
-    allowed, others = ", ".join(measures), ", ".join(f"'{name}'" for name, (field, _) in contents.items() if not field)
+    allowed, others = (
+        ", ".join(measures),
+        ", ".join(f"'{name}'" for name, (field, _) in contents.items() if not field and name not in names),
+    )
     require(
         set(measures) & set(found),
         f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of {allowed}",
     )
-    if others:
-        warnings.warn(f"{where}not used: {others}", stacklevel=2)
-    tests: dict[tuple, list[dict]] = {}  # points by number of the run, where there are no times, and keywords
+    unused = f"not used: {others}" if others else ""
+    tests: dict[tuple, list[dict]] = {}  # points by names and keywords of the run
     for number, row in enumerate(rows, 1):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
         settings = {field: f"{row[column]} {unit * without_unit(row[column])}".strip()
                     for column, (field, unit) in contents.items() if field in keywords}  # fmt: skip
         point = {field: parse_cell(row[column], unit, units[field], f"{where}row {number}, {column}")
                  for column, (field, unit) in contents.items() if field not in (None, *keywords)}  # fmt: skip
-        tests.setdefault((number * ("time" not in found), *settings.items()), []).append(point)
+        key = *((column, row[column]) for column in names), *settings.items()
+        require(
+            "time" in found or key not in tests,
+            f"{where}row {number}: nothing tells it from a row before; must have a column of times, such as time [s], "
+            f"of a keyword of the scene or of names, such as test; {unused}".rstrip("; "),
+        )
+        tests.setdefault(key, []).append(point)
+    if unused:
+        warnings.warn(where + unused, stacklevel=2)
     curves = []
-    for (_, *settings), points in tests.items():
+    for key, points in tests.items():
         columns = {field: np.array([point[field] for point in points]) for field in points[0]}
-        name, times = ", ".join([path.name, *map(" ".join, settings)]), columns.pop("time", np.zeros(0))
+        name, times = ", ".join([path.name, *map(" ".join, key)]), columns.pop("time", np.zeros(0))
         for a, b in zip([0.0, *times[:-1]], times, strict=False):
             require(
                 b >= a, f"curve = {name}: times fall: after {a} s comes {b} s; must be 0 s or more, and none missing"
             )
-        test = Test(name, dict(settings), times)
+        test = Test(name, {field: text for field, text in key if field in keywords}, times)
         known = {measure: np.isfinite(values) for measure, values in columns.items()}
         curves += [
             Curve(test, measure, times[known[measure][: len(times)]], values[known[measure]])
@@ -138,12 +165,16 @@ class CurveFit(FittedConstants):
 
     def flow_curve(self, rates=SHEAR_RATES) -> tuple[np.ndarray, np.ndarray]:
         """Return shear stresses [Pa] at shear rates [1/s], and the factors of their 95 % intervals."""
+        stress, slopes = self.logarithmic_slopes(self.constants, rates)
+        return stress, np.exp(np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.spread, slopes)))
 
-        changes = [{name: it.value * np.exp(by)} for name, it in self.constants.items() for by in (0.01, -0.01)]
+    def logarithmic_slopes(self, names, rates) -> tuple[np.ndarray, np.ndarray]:
+        """Return shear stresses [Pa] at shear rates [1/s], and the derivatives of their logarithms by those of numbers
+        of the law, (numbers, rates)."""
+        changes = [{name: getattr(self.material, name) * np.exp(by)} for name in names for by in (0.01, -0.01)]
         laws = [self.material, *(self.material.model_copy(update=change) for change in changes)]
         stress, *changed = np.array([[law.shear_stress(float(rate), 0.0) for rate in rates] for law in laws])
-        slopes = (np.log(changed[::2]) - np.log(changed[1::2])) / 0.02
-        return stress, np.exp(np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.spread, slopes)))
+        return stress, np.reshape(np.log(changed[::2]) - np.log(changed[1::2]), (-1, len(rates))) / 0.02
 
     def determined(self) -> str:
         """Format in sentences which constants the curves determine."""
@@ -152,7 +183,13 @@ class CurveFit(FittedConstants):
         others = [in_words(name) for name, it in self.constants.items() if not it.determined]
         text = f"The curves determine the {' and the '.join(known)}. " if known else ""
         text += f"They do not determine the {' and the '.join(others)}. " if others else ""
-        rate, stress, factor = min(zip(SHEAR_RATES, *self.flow_curve(), strict=True), key=lambda point: point[2])
+        given = [name for name, it in dict(self.material).items() if isinstance(it, float) and name not in errors]
+        _, by_given = self.logarithmic_slopes(given, SHEAR_RATES)
+        own = np.abs(by_given).sum(0) < MAX_GIVEN
+        if not own.any():
+            return text.rstrip()
+        points = zip(SHEAR_RATES[own], *self.flow_curve(SHEAR_RATES[own]), strict=True)
+        rate, stress, factor = min(points, key=lambda point: point[2])
         best = f"{rate:.2g} 1/s, {rounded(stress)} Pa, to {percent(np.log(factor))}"
         return f"{text}The shear stress is known best at {best}."
 

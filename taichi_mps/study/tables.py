@@ -123,14 +123,21 @@ def decoded(data: bytes) -> str:
 
 # ---- what a column holds ----------------------------------------------------------------------------------------
 def key_of(text: str) -> str:
-    """Return the letters and digits of a name in lower case, without IGNORED_WORDS: equal for spellings of one name."""
-    words = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", text).casefold())
-    return "".join(word for word in words if word not in IGNORED_WORDS).removesuffix("値")
+    """Return the letters and digits of a name in lower case, without IGNORED_WORDS: equal for spellings of one name. A
+    diameter without another word stays one."""
+    words = words_of(text)
+    key = "".join(word for word in words if word not in IGNORED_WORDS).removesuffix("値")
+    return key or "diameter" * ("diameter" in words)
+
+
+def words_of(text: str) -> list[str]:
+    """Return the words and numbers of a name in lower case."""
+    return re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", text).casefold())
 
 
 def is_unit(text: str, fields) -> bool:
     """Whether a text in brackets is meant as a unit: no standard, no name of a field and no ignored word."""
-    is_name = re.search(r"\w", text) and key_of(text) in ("", *fields)
+    is_name = re.search(r"\w", text) and key_of(text) in ("", "diameter", *fields)
     return bool(text) and not is_name and not STANDARD.match(text)
 
 

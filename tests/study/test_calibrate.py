@@ -12,6 +12,7 @@ import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.study.calibrate import FIELD_OF_RESULT, calibrate, emulators_of, frictional_mix
 from taichi_mps.study.calibration import FRICTIONAL
+from taichi_mps.study.chart import engine_curves, slump_chart
 from taichi_mps.study.emulator import FRICTION_TABLE, TABLES, Emulator, emulator_of
 from taichi_mps.study.fit import fit
 from taichi_mps.study.mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
@@ -395,3 +396,15 @@ def test_the_command_told_computes_the_measured_slump(capsys):
 def test_bad_input_is_refused(told, said):
     with pytest.raises(mps.SceneError, match=said):
         calibrate(**told, check=False)
+
+
+def test_a_study_over_the_yield_stress_alone_is_a_curve_of_its_chart(tmp_path):
+    """Its cases in the order of their yield stresses, at the chart's density of 2300 kg/m3."""
+    path = tmp_path / "results.csv"
+    rows = ["slump,done,1150,400,25,0.1,0.22", "slump,done,1150,100,25,0.25,0.5", "slump,failed,1150,200,25,,"]
+    path.write_text("\n".join(["scene,status,density,yield_value,plastic_viscosity,slump_m,spread_m", *rows]))
+    ((viscosity, *curve),) = engine_curves(path)
+    assert viscosity == 50.0
+    assert np.array(curve).tolist() == [[200.0, 800.0], [0.25, 0.1], [0.5, 0.22]]
+    assert slump_chart(tmp_path / "chart.png", path).read_bytes().startswith(b"\x89PNG")
+    assert [eta for eta, *_ in engine_curves(None)] == [20.0, 50.0, 200.0]

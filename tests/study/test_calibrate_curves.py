@@ -2,6 +2,7 @@
 and bad input is refused."""
 
 import json
+import re
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
@@ -133,6 +134,10 @@ def test_what_a_curve_does_not_determine_is_told(tmp_path, exact):
         ),
         ("time [min],slump flow,edge points\n0,0.2,7\n0.5,25 cm,8\n", [0.0, 30.0], [0.2, 0.25], ["'edge points'"]),
         ("t,diameter [in]\n0,10\n1,\n", [0.0], [0.254], []),
+        ("test,elapsed time [s],Spread diameter [cm]\n1,0,20\n1,1,25\n", [0.0, 1.0], [0.2, 0.25], ["'test'"]),
+        ("経過時間 (s),diameter [mm],concrete\n0,200,A\n2,250,A\n", [0.0, 2.0], [0.2, 0.25], ["'concrete'"]),
+        ("frame (25 fps),slump flow [cm]\n0,20\n5,25\n", [0.0, 0.2], [0.2, 0.25], []),
+        ("Time after lifting (s),diameter [mm]\n1,200\n2,250\n", [1.0, 2.0], [0.2, 0.25], []),
     ],
 )
 def test_a_film_is_read_as_people_write_it(tmp_path, text, times, values, unused):
@@ -169,6 +174,30 @@ def test_columns_that_are_keywords_of_the_scene_make_runs_of_their_own(tmp_path)
     ]
 
 
+def test_names_tell_runs_apart(tmp_path):
+    """Two specimens in one film are two tests of the same settings, and so are end values by name."""
+    keywords, known = catalogue.load("slump").parameters.model_fields, measures_of(catalogue.build("slump", **BODY))
+    (tmp_path / "film.csv").write_text("test,time [s],slump [mm]\n1,0,4\n1,1,5\n2,0,6\n2,1,7\n")
+    curves = read_curves(tmp_path / "film.csv", keywords, known)
+    assert [(each.test.name, each.values.tolist()) for each in curves] == [
+        ("film.csv, test 1", [0.004, 0.005]),
+        ("film.csv, test 2", [0.006, 0.007]),
+    ]
+    (tmp_path / "film.csv").write_text("mix no,slump [mm]\nA,4\nB,5\n")
+    assert [each.test.name for each in read_curves(tmp_path / "film.csv", keywords, known)] == [
+        "film.csv, mix no A",
+        "film.csv, mix no B",
+    ]
+
+
+def test_a_constant_that_was_given_is_not_told_as_known(tmp_path, exact):
+    """The stress is told where a given viscosity is below a tenth of it: of 420 Pa + 65 Pa s rate below 0.72 1/s."""
+    time = np.linspace(0.1, 6.0, 12)
+    film = written(tmp_path / "film.csv", time, closed(time, **TRUE))
+    fit = found(tmp_path, film, free="yield_value", finer=False, spacing=0.012, plastic_viscosity=65.0)
+    assert 0.0 < float(re.search("known best at (.+?) 1/s", fit.determined())[1]) < 0.72
+
+
 FIVE = "0,20\n1,21\n2,22\n3,23\n4,24\n"
 
 
@@ -191,6 +220,7 @@ FIVE = "0,20\n1,21\n2,22\n3,23\n4,24\n"
         ("\n", "", "is empty; must be a CSV file"),
         ("time [s],slump flow [kg]\n" + FIVE, "", "its unit must be m or one of that kind"),
         ("time [s],slump flow [cm]\n0,far\n" + FIVE, "", "row 1, slump flow [cm] = far: must be a number [m]"),
+        ("moment [s],slump flow [cm]\n" + FIVE, "", "row 2: nothing tells it from a row before; must have a column of"),
         ("time [s],height [cm],slump flow [cm]\n" + "1,30,20\n" * 5, "--height 0.3", "height is a column of it"),
         ("time,slump flow\n" + FIVE, "", "spread_m = 24 m: must be at most 2.2 m, or have a unit, as in [cm]"),
         ("", "", "curve: is missing"),
