@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo
 
 import taichi_mps as mps
+from taichi_mps.input import tool_path
 from taichi_mps.input.tool_path import read_gcode, straight_runs
 from taichi_mps.units import Count, Duration, FlowRate, Length, Only, Source
 
@@ -31,6 +32,11 @@ THRESHOLD = {"section": 2.0, "path": 2.0, "column": 3.0**0.5}  # rho g H/tau_y a
 def model_of(model: str, given: ValidationInfo) -> str:
     """Model of a wall: that of a tool path where there is one."""
     return "gcode" if given.data.get("gcode") else model
+
+
+def dialect_of(dialect: str, given: ValidationInfo) -> str:
+    """Dialect of a tool path: the one that it names where none is given."""
+    return tool_path.dialect_of(given.data["gcode"]) if dialect == "auto" and given.data.get("gcode") else dialect
 
 
 @mps.checked
@@ -57,6 +63,12 @@ def scene(
     ] = "",
     print_rate: Annotated[FlowRate | None, WITH, Field(description="what the nozzle delivers, in place of E")] = None,
     filament_diameter: Annotated[Length | None, WITH, Field(description="of the filament whose length E is")] = None,
+    gcode_dialect: Annotated[
+        tool_path.Dialect,
+        WITH,
+        AfterValidator(dialect_of),
+        Field(description="firmware; marlin: G90 and G91 hold for E, too; auto: what the file names, else klipper"),
+    ] = Field("auto", validate_default=True),
     until: Duration | None = None,
     model: Annotated[Literal["section", "column", "path", "gcode"], AfterValidator(model_of)] = Field(
         "section", validate_default=True
@@ -71,7 +83,7 @@ def scene(
         at_rest, viscosity = MORTARS[mortar]
         material = mps.Bingham(yield_value=at_rest, plastic_viscosity=viscosity, density=material.density)
     if gcode:
-        return along(read_gcode(gcode, print_rate, filament_diameter), material, spacing, floor, until)
+        return along(read_gcode(gcode, print_rate, filament_diameter, gcode_dialect), material, spacing, floor, until)
     if model == "gcode":
         raise mps.SceneError("model = gcode: must have a tool path, gcode")
     rise, high, half = layer_height / layer_time, layers * layer_height, 0.5 * width
@@ -160,7 +172,7 @@ def along(beads, material, spacing, floor, until):
         places = [(time, *(bead.end - first.start)) for time, bead in zip(times, run, strict=True)]
         centre = tuple(first.start - (0.0, 0.0, 0.5 * first.height))
         mouth = {"height": first.height, "start": first.begin, "path": ((first.begin, 0.0, 0.0, 0.0), *places)}
-        inlet = mps.Inlet(centre, tuple(first.start - last.end), 0.5 * width, 1.0, volume, **mouth)
+        inlet = mps.Inlet(centre, (*(first.start - last.end)[:2], 0.0), 0.5 * width, 1.0, volume, **mouth)
         of_layer = inlet.layer_volume(spacing)
         count = round((volume + owed) / of_layer)  # a rounding of one run is made good by the next
         owed += volume - count * of_layer
