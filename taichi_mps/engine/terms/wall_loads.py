@@ -22,8 +22,11 @@ from .constants import Term
 
 @ti.data_oriented
 class WallFriction(Term):
-    """Friction of the walls (boundaries/friction.py): the slip at the start of a step and after each iteration. Reads
-    constants, pressure, stress, resistance and solved_rate."""
+    """Friction of the walls (boundaries/friction.py): the slip at the start of a step and after each iteration."""
+
+    def __init__(self, fluid, constants, pressure, stress, resistance, solved_rate):
+        super().__init__(fluid, constants=constants, pressure=pressure, stress=stress)
+        self.resistance, self.solved_rate = resistance, solved_rate
 
     def set_initial_slip(self, dt):
         """Set penalty and slip at the start of a step of dt [s]."""
@@ -59,11 +62,11 @@ class WallFriction(Term):
 @ti.data_oriented
 class WallLoads(Term):
     """Contribution of every particle to the loads of the walls ``measured``: force [N], and torque about the wall's
-    point [N m]. ``up_to_date``: whether they belong to the present state of the particles. Reads constants, pressure,
-    stress, resistance, solved_rate, correction and wall_stress."""
+    point [N m]. ``up_to_date``: whether they belong to the present state of the particles."""
 
-    def __init__(self, fluid, measured, **others):
-        super().__init__(fluid, **others)
+    def __init__(self, fluid, measured, constants, pressure, stress, resistance, solved_rate, correction, wall_stress):
+        super().__init__(fluid, constants=constants, pressure=pressure, stress=stress, resistance=resistance)
+        self.solved_rate, self.correction, self.wall_stress = solved_rate, correction, wall_stress
         self.numbers, self.up_to_date = measured, False
         d, capacity, axes = self.dimension, self.capacity, 1 if self.dimension == 2 else 3
         self.forces = [ti.Vector.field(d, real(), capacity) for _ in measured]  # [N]
