@@ -1,6 +1,7 @@
 """Command line: one function for each command, see ``commands``. Taichi is imported when a run starts, the studies
 where a command is one of theirs."""
 
+import logging
 import os
 import platform
 import signal
@@ -332,6 +333,9 @@ def main(argv=None, more=None) -> int:
         gone = GONE_COMMANDS.get(argv[0])
         require(not gone, f"the command {argv[0]} is gone; {gone}")
         require(argv[0] in known, f"unknown command '{argv[0]}'{suggestion(argv[0], known)}")
+        # progress of what takes long, on a terminal
+        logging.basicConfig(format="taichi-mps: %(message)s")
+        logging.getLogger(__package__).parent.setLevel("INFO" if sys.stderr.isatty() else "WARNING")
         with warnings.catch_warnings():  # a warning is a line and never ends a run, whatever PYTHONWARNINGS says
             warnings.filters = [each for each in warnings.filters if each[0] != "error"]
             warnings.showwarning = lambda message, *_: print(f"taichi-mps: {plain(message)}", file=sys.stderr)
