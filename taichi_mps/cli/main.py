@@ -150,9 +150,9 @@ def resume(arguments) -> int:
         # where nothing is left to compute
         unused = ", ".join(key for key in changed | remedy if key not in ("until", "quiet", "verbose"))
         if summary and not (limited and arguments.until and options.until > passed + INSTANT):
-            told = "; --until TIME goes on" if limited else ", it is at rest"
-            told += f"; without effect: {unused}" if unused else ""
-            print(plain(f"taichi-mps: run = {folder.path}: nothing left to compute{told}"), file=sys.stderr)
+            notice = "; --until TIME goes on" if limited else ", it is at rest"
+            notice += f"; without effect: {unused}" if unused else ""
+            print(plain(f"taichi-mps: run = {folder.path}: nothing left to compute{notice}"), file=sys.stderr)
             if not (arguments.json or options.quiet):
                 print_answer(summary, options.verbose)
             complete(folder, drawing)
@@ -171,8 +171,8 @@ def resume(arguments) -> int:
         sim = state.resume(problem, profile=options.profile)
         clock.begin("ready")
         if missing:
-            told = f"taichi-mps: run = {folder.path}: {missing} missing; written anew from {passed:g} s on"
-            print(plain(told), file=sys.stderr)
+            notice = f"taichi-mps: run = {folder.path}: {missing} missing; written anew from {passed:g} s on"
+            print(plain(notice), file=sys.stderr)
         if not folder.ours:
             folder.mark()
         if remark:

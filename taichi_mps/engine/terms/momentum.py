@@ -29,8 +29,8 @@ BLOCK = 64  # particles whose sums over pairs are stored before they are used (p
 class MomentumOperator(Term):
     """The matrix, for the conjugate gradients: one row of d velocity components per particle, walls masked.
 
-    The loops over blocks count particles, for Taichi gives a thread 512 turns of a loop or more: 512 blocks would stay
-    in one thread.
+    The loops over blocks count particles, for Taichi gives a thread 512 iterations of a loop or more: 512 blocks would
+    stay in one thread.
     """
 
     def __init__(self, fluid, sums, constants, stress, resistance):

@@ -276,5 +276,5 @@ class Stress(Term):
                 G = self.gradient.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
                 W = 0.25 * dt * (G - G.transpose())
                 I = ti.Matrix.identity(float, self.tensors)  # noqa: E741
-                turn = (I - W).inverse() @ (I + W)
-                self.particles.stress[i] = turn @ self.particles.stress[i] @ turn.transpose()
+                rotation = (I - W).inverse() @ (I + W)
+                self.particles.stress[i] = rotation @ self.particles.stress[i] @ rotation.transpose()

@@ -106,15 +106,15 @@ class WallLoads(Term):
                     force += volume * self.walls.hydrostatic(i, x, weight, self.gradient.B[i], size, f)
                     force += volume * self.wall_stress.force(i, f) + self.correction.force_of_walls(i, f)
                     arm = ti.cast(wall.arm(x), float) - z * n
-                    turn = self.axial_vector(arm.outer_product(-force))  # arm x force
+                    moment = self.axial_vector(arm.outer_product(-force))  # arm x force
                     if ti.static(not wall.slip):
                         t, couple = self.walls.tangential(i, wall, f, x, z, curvature, size), flux
                         if ti.static(wall.rotates):
                             couple += h * ti.cast(wall.spin, float)
-                        turn += t * self.axial_vector(couple - (couple @ n).outer_product(n))
+                        moment += t * self.axial_vector(couple - (couple @ n).outer_product(n))
                     for k in ti.static(self.of_face(f)):
                         self.forces[k][i] -= force
-                        self.torques[k][i] += turn
+                        self.torques[k][i] += moment
 
     def of_face(self, f) -> list:
         """Index of this face's wall among the walls that are measured, as a list of none or one."""
