@@ -45,8 +45,7 @@ class ImplicitScheme(Scheme):
         self.constants = Constants(fluid.particles, problem, fluid.gravity, fluid.twist)
         self.sums = PairSums(fluid.particles, fluid.gradient, walls)
         # which terms the scene needs: the stages of the others do nothing
-        several = len(problem.materials) > 1
-        holds = any(not wall.slip for wall in walls.surfaces)
+        several, holds = len(problem.materials) > 1, any(not wall.slip for wall in walls.surfaces)
         directions = free_directions(scene, problem.numerics.walls)
         drifts = directions.any()
         self.may_be_full = problem.may_be_full(to_come)

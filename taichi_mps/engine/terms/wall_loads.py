@@ -25,8 +25,9 @@ class WallFriction(Term):
     """Friction of the walls (boundaries/friction.py): the slip at the start of a step and after each iteration."""
 
     def __init__(self, fluid, constants, pressure, stress, resistance, solved_rate):
-        super().__init__(fluid, constants=constants, pressure=pressure, stress=stress)
-        self.resistance, self.solved_rate = resistance, solved_rate
+        super().__init__(
+            fluid, constants=constants, pressure=pressure, stress=stress, resistance=resistance, solved_rate=solved_rate
+        )
 
     def set_initial_slip(self, dt):
         """Set penalty and slip at the start of a step of dt [s]."""
@@ -65,8 +66,16 @@ class WallLoads(Term):
     point [N m]. ``up_to_date``: whether they belong to the present state of the particles."""
 
     def __init__(self, fluid, measured, constants, pressure, stress, resistance, solved_rate, correction, wall_stress):
-        super().__init__(fluid, constants=constants, pressure=pressure, stress=stress, resistance=resistance)
-        self.solved_rate, self.correction, self.wall_stress = solved_rate, correction, wall_stress
+        super().__init__(
+            fluid,
+            constants=constants,
+            pressure=pressure,
+            stress=stress,
+            resistance=resistance,
+            solved_rate=solved_rate,
+            correction=correction,
+            wall_stress=wall_stress,
+        )
         self.numbers, self.up_to_date = measured, False
         d, capacity, axes = self.dimension, self.capacity, 1 if self.dimension == 2 else 3
         self.forces = [ti.Vector.field(d, real(), capacity) for _ in measured]  # [N]
