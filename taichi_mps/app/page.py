@@ -50,7 +50,7 @@ class Page:
         self.answers = {answer.__name__: answer for answer in (*own, *of_runs, runs.empty)}
 
     # ---- a mix -------------------------------------------------------------------------------------------------
-    def tests(self, asked: Query) -> dict:
+    def tests(self, query: Query) -> dict:
         """Tests that the user can choose, with the fields of their forms."""
         return {
             "tests": list(self.known.values()),
@@ -58,16 +58,16 @@ class Page:
             "folder": str(self.queue.folder),
         }
 
-    def fields(self, asked: Query) -> dict[str, dict]:
+    def fields(self, query: Query) -> dict[str, dict]:
         """Fields of the form of the queried test; SceneError for a value of a field that it does not have."""
-        require(asked.test in self.known, f"test = {asked.test}: unknown")
-        schemes = self.known[asked.test]["fields"]
-        return self.check_fields(asked, schemes.get(asked.values.get("scheme"), schemes["implicit"]))
+        require(query.test in self.known, f"test = {query.test}: unknown")
+        schemes = self.known[query.test]["fields"]
+        return self.check_fields(query, schemes.get(query.values.get("scheme"), schemes["implicit"]))
 
-    def check_fields(self, asked: Query, form_fields: list[dict]) -> dict[str, dict]:
+    def check_fields(self, query: Query, form_fields: list[dict]) -> dict[str, dict]:
         """Return the fields of a form by name; SceneError for a value of an unknown field or one that is too long."""
         fields = {field["name"]: field for field in form_fields}
-        for key, text in asked.values.items():
+        for key, text in query.values.items():
             require(key in fields, f"unknown key '{key}'")
             require(
                 len(text) <= MAX_TEXT_LENGTH,
@@ -75,32 +75,32 @@ class Page:
             )
         return fields
 
-    async def forecast(self, asked: Query) -> dict:
+    async def forecast(self, query: Query) -> dict:
         """Forecast of a run before it starts, or its errors."""
-        self.fields(asked)
+        self.fields(query)
         try:
-            parts = self.forecast_process.ask({"test": asked.test, "values": asked.values}, FORECAST_TIMEOUT)
+            parts = self.forecast_process.ask({"test": query.test, "values": query.values}, FORECAST_TIMEOUT)
             return [part async for part in parts][-2]
         except TimeoutError:
             return {"wrong": {"spacing": f"spacing: {TOO_LONG}"}}
 
-    async def preview(self, asked: Query):
+    async def preview(self, query: Query):
         """Yield the pictures and the result of a mix."""
-        self.fields(asked)
+        self.fields(query)
         if not self.preview_process.alive:
             yield {"preparing": True}
-        async for part in self.preview_process.ask({"test": asked.test, "values": asked.values}):
+        async for part in self.preview_process.ask({"test": query.test, "values": query.values}):
             yield part
 
-    async def run(self, asked: Query) -> dict:
+    async def run(self, query: Query) -> dict:
         """Enqueue a run, if it can be computed."""
-        fields, expected = self.fields(asked), await self.forecast(asked)
+        fields, expected = self.fields(query), await self.forecast(query)
         if expected.get("wrong"):
             return expected
-        units = {key: f" {fields[key]['unit']}" * without_unit(text) for key, text in asked.values.items()}
-        texts = [f"{in_words(key)} {text}{units[key]}".rstrip() for key, text in asked.values.items()]
-        words = ["run", asked.test, *form.options(asked.values), "--quiet"]
-        return self.enqueue(Job(", ".join([in_words(asked.test), *texts]), words, asked.test, expected.get("seconds")))
+        units = {key: f" {fields[key]['unit']}" * without_unit(text) for key, text in query.values.items()}
+        texts = [f"{in_words(key)} {text}{units[key]}".rstrip() for key, text in query.values.items()]
+        words = ["run", query.test, *form.options(query.values), "--quiet"]
+        return self.enqueue(Job(", ".join([in_words(query.test), *texts]), words, query.test, expected.get("seconds")))
 
     def enqueue(self, job: Job) -> dict:
         """Enqueue a job and return its number."""
@@ -108,27 +108,27 @@ class Page:
         return {"job": len(self.queue.jobs) - 1}
 
     # ---- a calibration ------------------------------------------------------------------------------------------
-    def calibrate(self, asked: Query) -> dict:
+    def calibrate(self, query: Query) -> dict:
         """Enqueue a calibration."""
-        self.check_fields(asked, form.measurements())
-        test = Measurements(**asked.values)
+        self.check_fields(query, form.measurements())
+        test = Measurements(**query.values)
         check_measurements(test, emulators_of(test.measured()))  # at once, not by the job
-        words = ["calibrate", "--json", *form.options(asked.values), *(["--no-check"] if not asked.check else [])]
+        words = ["calibrate", "--json", *form.options(query.values), *(["--no-check"] if not query.check else [])]
         return self.enqueue(Job("calibration", words))
 
-    def found(self, asked: Query) -> dict:
+    def found(self, query: Query) -> dict:
         """Result of a calibration."""
-        job = self.job_of(asked)
+        job = self.job_of(query)
         facts = json.loads(job.output) if job.words[0] == "calibrate" and job.state == "done" else {}
         return {"verdict": verdict(facts), **facts} if facts else {"state": job.state, "message": job.message}
 
     # ---- jobs --------------------------------------------------------------------------------------------------
-    def job_of(self, asked: Query) -> Job:
+    def job_of(self, query: Query) -> Job:
         """Job by its number; SceneError if there is none."""
-        require(0 <= asked.job < len(self.queue.jobs), f"job = {asked.job}: there is none")
-        return self.queue.jobs[asked.job]
+        require(0 <= query.job < len(self.queue.jobs), f"job = {query.job}: there is none")
+        return self.queue.jobs[query.job]
 
-    def jobs(self, asked: Query) -> dict:
+    def jobs(self, query: Query) -> dict:
         """Unfinished jobs and the last finished one; and the last run that came to its end."""
         jobs = list(enumerate(self.queue.jobs))
         ended = [(number, job) for number, job in jobs if job.finished and job.words[0] != "calibrate"]
@@ -138,9 +138,9 @@ class Page:
             "last": next((row for row in self.runs.rows() if row["whole"]), None),
         }
 
-    def stop(self, asked: Query) -> None:
+    def stop(self, query: Query) -> None:
         """Stop a job, as Ctrl-C does."""
-        self.job_of(asked).stop()
+        self.job_of(query).stop()
 
 
 def verdict(facts: dict) -> str:

@@ -141,13 +141,13 @@ class Runs:
                 return folder
         raise SceneError(f"run = {plain(name)}: no such run here")
 
-    def list(self, asked) -> dict:
+    def list(self, query) -> dict:
         """Return all runs and those in the bin."""
         return {"runs": self.rows(), "bin": [row(folder) for folder in self.folders(self.bin)]}
 
-    def show(self, asked) -> dict:
+    def show(self, query) -> dict:
         """Details of a run."""
-        folder = self.named(*asked.names[:1])
+        folder = self.named(*query.names[:1])
         summary = summary_of(folder)
         texts = [*answer(summary), *closing(summary, folder.path)] if summary else [f"It {NO_SUMMARY}."]
         texts += [str(summary["error"])] if summary.get("error") else []
@@ -161,44 +161,44 @@ class Runs:
             "files": [[words, url(folder, name)] for name, words in SAVED.items() if (folder.path / name).is_file()],
         }
 
-    def compare(self, asked) -> dict:
+    def compare(self, query) -> dict:
         """Comparison of runs: keywords that differ, results, and slump curves."""
-        folders = list(map(self.named, asked.names))
+        folders = list(map(self.named, query.names))
         known = {text_of(folder.path.name): summary for folder in folders if (summary := summary_of(folder))}
         lines = [[text_of(cell) for cell in line] for line in beside(list(known.values()))][:MAX_LINES]
         return {"head": list(known), "lines": lines, "curves": list(filter(None, map(curve, folders)))}
 
     # ---- changes -----------------------------------------------------------------------------------------------
-    def resume(self, asked) -> None:
+    def resume(self, query) -> None:
         """Resume a run."""
-        folder = self.named(*asked.names[:1])
+        folder = self.named(*query.names[:1])
         require(folder.resumable, f"run = {plain(folder.path.name)}: has no checkpoint to go on from")
         self.queue.add(
             Job(f"{plain(folder.path.name)}, resumed", ["resume", str(folder.path), "--quiet"], folder=folder)
         )
 
-    def rename(self, asked) -> None:
+    def rename(self, query) -> None:
         """Give a run another name."""
-        to = asked.to.strip()
+        to = query.to.strip()
         good = to and plain(to) == to and not set(to) & set('/\\:*?"<>|\n') and to[0] != "." and len(to) <= 100
         require(good, f'name = {plain(to)}: must be the name of a folder, without a dot before and / \\ : * ? " < > |')
         require(not os.path.lexists(self.queue.folder / to), f"name = {to}: is there already; must be another")
-        self.move(self.named(*asked.names[:1]), self.queue.folder / to)
+        self.move(self.named(*query.names[:1]), self.queue.folder / to)
 
-    def delete(self, asked) -> None:
+    def delete(self, query) -> None:
         """Put runs into the bin."""
-        for folder in list(map(self.named, asked.names)):
+        for folder in list(map(self.named, query.names)):
             require(not self.bin.is_symlink(), f"{plain(self.bin)}: is a link; must be a folder, or nothing")
             self.bin.mkdir(exist_ok=True)
             self.move(folder, next_free(self.bin / folder.path.name))
 
-    def restore(self, asked) -> None:
+    def restore(self, query) -> None:
         """Take runs out of the bin again."""
-        for name in asked.names:
+        for name in query.names:
             folder = self.named(name, self.bin)
             self.move(folder, next_free(self.queue.folder / folder.path.name))
 
-    def empty(self, asked) -> None:
+    def empty(self, query) -> None:
         """Remove the runs in the bin for good; other files stay."""
         for folder in self.folders(self.bin) * (not self.bin.is_symlink()):
             if not folder.path.is_symlink():

@@ -1,6 +1,7 @@
 """Command line: one function for each command, see ``commands``. Taichi is imported when a run starts, the studies
 where a command is one of theirs."""
 
+import logging
 import os
 import platform
 import signal
@@ -149,9 +150,9 @@ def resume(arguments) -> int:
         # where nothing is left to compute
         unused = ", ".join(key for key in changed | remedy if key not in ("until", "quiet", "verbose"))
         if summary and not (limited and arguments.until and options.until > passed + INSTANT):
-            told = "; --until TIME goes on" if limited else ", it is at rest"
-            told += f"; without effect: {unused}" if unused else ""
-            print(plain(f"taichi-mps: run = {folder.path}: nothing left to compute{told}"), file=sys.stderr)
+            notice = "; --until TIME goes on" if limited else ", it is at rest"
+            notice += f"; without effect: {unused}" if unused else ""
+            print(plain(f"taichi-mps: run = {folder.path}: nothing left to compute{notice}"), file=sys.stderr)
             if not (arguments.json or options.quiet):
                 print_answer(summary, options.verbose)
             complete(folder, drawing)
@@ -170,8 +171,8 @@ def resume(arguments) -> int:
         sim = state.resume(problem, profile=options.profile)
         clock.begin("ready")
         if missing:
-            told = f"taichi-mps: run = {folder.path}: {missing} missing; written anew from {passed:g} s on"
-            print(plain(told), file=sys.stderr)
+            notice = f"taichi-mps: run = {folder.path}: {missing} missing; written anew from {passed:g} s on"
+            print(plain(notice), file=sys.stderr)
         if not folder.ours:
             folder.mark()
         if remark:
@@ -332,6 +333,9 @@ def main(argv=None, more=None) -> int:
         gone = GONE_COMMANDS.get(argv[0])
         require(not gone, f"the command {argv[0]} is gone; {gone}")
         require(argv[0] in known, f"unknown command '{argv[0]}'{suggestion(argv[0], known)}")
+        # progress of what takes long, on a terminal
+        logging.basicConfig(format="taichi-mps: %(message)s")
+        logging.getLogger(__package__).parent.setLevel("INFO" if sys.stderr.isatty() else "WARNING")
         with warnings.catch_warnings():  # a warning is a line and never ends a run, whatever PYTHONWARNINGS says
             warnings.filters = [each for each in warnings.filters if each[0] != "error"]
             warnings.showwarning = lambda message, *_: print(f"taichi-mps: {plain(message)}", file=sys.stderr)

@@ -161,8 +161,8 @@ def keep_edited(file, written: int | None) -> None:
     if file.is_file() and crc32(file.read_bytes()) != written:
         kept = next_free(file.with_name("case.edited.toml"))
         os.replace(file, kept)
-        told = "has been edited; the run goes on as it began, the file is now"
-        print(plain(f"taichi-mps: case = {file}: {told} {kept}"), file=sys.stderr)
+        notice = "has been edited; the run goes on as it began, the file is now"
+        print(plain(f"taichi-mps: case = {file}: {notice} {kept}"), file=sys.stderr)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from . import accuracy
 MEASURED = Path(__file__).with_name("cost.csv")
 # speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
 LANDING_RATIO = 0.9
-# outer iterations of a step of the measured pours, and their share of its cost
+# outer iterations of a step of the measured pours, and their fraction of its cost
 MEASURED_ITERATIONS, ITERATIONS_SHARE = 6, 0.45
 # time to rest over sqrt(H/g), and over what eta/tau_y is longer than that; of slump cones
 REST_OVER_FALL, REST_OVER_CREEP = 3.5, 12.0
@@ -31,8 +31,8 @@ TIMES = 2000  # intervals of the time, in each of which steps are equally long
 @dataclass(frozen=True)
 class Cost:
     """Cost of the flow: number of steps, CPU seconds of one thread without the start of the program, the time
-    [s] at which it is expected to end, and of a pour the share of the seconds at equally spaced times from 0 s to the
-    time limit."""
+    [s] at which it is expected to end, and of a pour the fraction of the seconds at equally spaced times from 0 s to
+    the time limit."""
 
     steps: float
     cpu_seconds: float
@@ -57,7 +57,9 @@ def cost_of(problem: Problem) -> Cost:
     path = min(path, end * math.sqrt(2.0 * problem.gravity * problem.height))
     # a jolt is one fall more
     path = (1 + len(scene.jolts)) * path if scene.jolts else path + end * problem.speed
-    steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(problem, quiet=True)
+    steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(
+        problem, settles=True
+    )
     usual = max(steps, MIN_STEPS)
     seconds = usual * seconds_of_a_step(particles, particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
     seconds = known[2].cpu_seconds if known and known[2] else float(seconds)
@@ -82,7 +84,7 @@ def cost_of_pour(problem: Problem) -> Cost:
     flows = [(time >= pour.start) & (time < pour.start + pour.layers * pour.interval) for pour in pours]
     landing = [here * landing_speed(problem, pour, time, level) for here, pour in zip(flows, pours, strict=True)]
     speed = np.maximum(np.max(landing, axis=0), max((wall.speed for wall in scene.walls), default=0.0))
-    step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, quiet=True))
+    step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, settles=True))
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / TIMES / step
     seconds = steps * iterations_factor(numerics) * seconds_of_a_step(particles, particles_of(problem))
@@ -111,11 +113,11 @@ def level_of(scene, volume):
     return np.interp(volume, room * float(np.prod(scene.cavity.cell)), heights)
 
 
-def own_step(problem: Problem, quiet: bool = False) -> float:
-    """Longest step [s] in a slow flow; ``quiet``: when it only settles. That of ``semi-implicit`` is given."""
+def own_step(problem: Problem, settles: bool = False) -> float:
+    """Longest step [s] in a slow flow; ``settles``: when it only settles. That of ``semi-implicit`` is given."""
     rule = problem.time_step
     return (
-        problem.numerics.max_time_step if problem.scheme != "implicit" else rule.quiet_step if quiet else rule.longest
+        problem.numerics.max_time_step if problem.scheme != "implicit" else rule.slow_step if settles else rule.longest
     )
 
 

@@ -2,7 +2,7 @@
 
 import ast
 import importlib.util
-import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -195,7 +195,7 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -
         fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
         lift_speed = getattr(valid, "lift_speed", None)
         choice = choose(valid.accuracy, **fixed, mix=mix, height=valid.height, lift_speed=lift_speed)
-        print(f"taichi-mps: accuracy = {1e3 * valid.accuracy:g} mm: {choice}", file=sys.stderr)
+        warnings.warn(f"accuracy = {1e3 * valid.accuracy:g} mm: {choice}", stacklevel=3)
         return build(name, material, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     numbers = dict.fromkeys(Concrete.model_fields) | dict(material) if material else {}
     mix_numbers = {name: value for name, value in numbers.items() if name in Concrete.model_fields}

@@ -272,14 +272,14 @@ def search(runs: Runs, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface
     runs.compute(starts, runs.coarse)
     at, _ = min(runs.done.values(), key=lambda run: np.sum(runs.residuals(*run) ** 2), default=(starts[0], None))
     for is_corrected, most, steps in ((False, MAX_ITERATIONS, 2.0), (runs.coarse > spacing, MAX_CORRECTIONS, 1.0)):
-        before, reach = np.inf, np.where(np.arange(len(at)) < count, steps * RUN_STEP, np.inf)
+        before, radius = np.inf, np.where(np.arange(len(at)) < count, steps * RUN_STEP, np.inf)
         for _ in range(most):
             surface = ResponseSurface(runs, at)
             runs.require_reached(at, surface.residuals(at))
             if is_corrected:
                 surface.correction = runs.residuals(at, runs.compute([at], spacing)[0]) - surface.residuals(at)
             last, before = before, np.sum(surface.residuals(at) ** 2)
-            found = least_squares(surface.residuals, at, bounds=np.clip([at - reach, at + reach], *runs.bounds))
+            found = least_squares(surface.residuals, at, bounds=np.clip([at - radius, at + radius], *runs.bounds))
             moved, at = np.abs(found.x - at)[:count].max(), found.x
             runs.report(
                 f"{len(runs.planned)} runs, {(monotonic() - runs.start) / len(runs.planned):.1f} s each: "

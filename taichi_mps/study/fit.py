@@ -122,8 +122,8 @@ class Tables:
                 beyond[1:-1][np.isin(axes[0][rise.argmin(0)], self.bounds[:, 0])] = np.nan
             inside = 1 + np.flatnonzero(root[1:-1] <= max(most, root[1:-1].min()))
             for last, after in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
-                share = (most - root[last]) / (root[after] - root[last])
-                ends.append(axis[last - 1] + share * (beyond[after] - axis[last - 1]))
+                fraction = (most - root[last]) / (root[after] - root[last])
+                ends.append(axis[last - 1] + fraction * (beyond[after] - axis[last - 1]))
         return np.reshape(ends, (-1, 2)).T
 
 

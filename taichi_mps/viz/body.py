@@ -10,7 +10,7 @@ from ..units import require
 
 DENSITY_CELL = 0.5  # side of the cells in which the density of rings is computed, over l0
 REACH = 4  # cells within which a ring counts, a normal distribution whose standard deviation is half of its size
-TAUBIN, SMOOTHING_TURNS = (0.5, -0.52), 12  # smoothing that keeps the volume (Taubin, 1995), and its repetitions
+TAUBIN, SMOOTHING_ITERATIONS = (0.5, -0.52), 12  # smoothing that keeps the volume (Taubin, 1995), and its repetitions
 SECTORS = 72  # of a solid of revolution
 SURFACE_CELL, MESH_SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; smoothing iterations of its mesh
 PICTURE_CELL = 0.6  # cells for pictures, over l0: a fifth of the time, as smooth
@@ -73,8 +73,8 @@ def surface_of(scene, part: Snapshot, cube: float, fields) -> tuple[Snapshot, np
         return smooth_surface(scene.unfold(part), cube, fields)
     section, normals, parts = line
     angle, here = 2.0 * np.pi * np.arange(SECTORS) / SECTORS, np.arange(SECTORS)
-    turn = np.stack([np.cos(angle), np.sin(angle)], -1)
-    x, normals = (np.insert(v[:, None, :1] * turn, 2, v[:, 1:], axis=2).reshape(-1, 3) for v in (section.x, normals))
+    rays = np.stack([np.cos(angle), np.sin(angle)], -1)
+    x, normals = (np.insert(v[:, None, :1] * rays, 2, v[:, 1:], axis=2).reshape(-1, 3) for v in (section.x, normals))
     (a, b), (c, d) = (parts.T[:, :, None] * SECTORS + np.roll(here, -k) for k in (0, 1))
     triangles = np.concatenate([np.stack(corners, -1).reshape(-1, 3) for corners in ((a, b, c), (b, d, c))])
     fields = {name: np.repeat(getattr(section, name), SECTORS, axis=0) for name in ("u", *SCALARS)}
@@ -142,22 +142,22 @@ def contour(s: Snapshot, floor):
     edges = np.sort(np.stack([corner[:, [0, 0]], corner[:, 1:]], -1), axis=-1)  # (m, 2, 2): those that the line crosses
     keys, parts = np.unique(edges @ [nodes.size, 1], return_inverse=True)
     p, q = np.divmod(keys, nodes.size)
-    share = ((0.5 - density[p]) / (density[q] - density[p]))[:, None]
+    fraction = ((0.5 - density[p]) / (density[q] - density[p]))[:, None]
     slope = np.stack(np.gradient(density.reshape(shape)), -1).reshape(-1, 2)
-    normals = slope[p] + share * (slope[q] - slope[p])
+    normals = slope[p] + fraction * (slope[q] - slope[p])
     place = np.stack(np.unravel_index([p, q], shape), -1)  # (2, k, 2)
-    points = low + cell * (place[0] + share * (place[1] - place[0]))
+    points = low + cell * (place[0] + fraction * (place[1] - place[0]))
     parts = parts.reshape(-1, 2)
     points, normals = smooth_line(points, parts, TAUBIN), smooth_line(normals, parts, TAUBIN[:1])
     return points, -normals / np.linalg.norm(normals, axis=1, keepdims=True), parts
 
 
-def smooth_line(values, parts, shares):
+def smooth_line(values, parts, fractions):
     """Smooth values (k, d) at the points of a line with these segments (m, 2): move each value towards the mean of its
-    two neighbours by these shares of the way in turn, except at the ends of the line."""
+    two neighbours by these fractions of the way in turn, except at the ends of the line."""
     neighbours = np.bincount(parts.ravel(), minlength=len(values))[:, None]
-    for share in SMOOTHING_TURNS * shares:
+    for fraction in SMOOTHING_ITERATIONS * fractions:
         total = np.zeros_like(values)
         np.add.at(total, parts, values[parts[:, ::-1]])
-        values = values + share * (neighbours == 2) * (0.5 * total - values)
+        values = values + fraction * (neighbours == 2) * (0.5 * total - values)
     return values

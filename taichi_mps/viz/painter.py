@@ -148,11 +148,11 @@ class Lamp(Camera):
         depth, taps = np.pad(self.depth, FILTER + 1, constant_values=FAR), np.arange(FILTER + 1)
         (i, down), (j, across) = (np.divmod(a - 0.5 * FILTER, 1.0) for a in (row, column))
         i, j = (np.clip(a, -FILTER - 1, self.width).astype(int)[:, None] + FILTER + 1 + taps for a in (i, j))
-        shares = (
+        fractions = (
             np.clip(np.minimum(taps + 1 - f[:, None], FILTER + f[:, None] - taps), 0.0, 1.0) for f in (down, across)
         )
         behind = np.clip((ahead[:, None, None] - depth[i[:, :, None], j[:, None]]) / bias - 1.0, 0.0, 1.0)
-        return 1.0 - np.einsum("na,nb,nab->n", *shares, behind) / FILTER**2
+        return 1.0 - np.einsum("na,nb,nab->n", *fractions, behind) / FILTER**2
 
 
 class Painter:
@@ -195,9 +195,9 @@ class Painter:
         chosen = chosen[at]
         places = ((a[chosen].astype(np.float32) + 0.5) / SAMPLES_PER_SIDE for a in (column, row))
         colours, near = body.shade(self, hit[chosen], near[chosen], *places)
-        share = np.bincount(pixel)[at, None].astype(np.float32) / SAMPLES_PER_SIDE**2
+        fraction = np.bincount(pixel)[at, None].astype(np.float32) / SAMPLES_PER_SIDE**2
         flat, depth = picture.reshape(-1, 3), np.full(self.far.shape, FAR, np.float32)
-        mixed = flat[at] * ((1.0 - share) / np.float32(255.0)) + np.minimum(colours, 1.0) * share
+        mixed = flat[at] * ((1.0 - fraction) / np.float32(255.0)) + np.minimum(colours, 1.0) * fraction
         flat[at] = (np.float32(255.0) * mixed + np.float32(0.5)).astype(np.uint8)
         depth.ravel()[at] = near
         return picture, depth

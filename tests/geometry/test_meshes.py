@@ -1,7 +1,6 @@
 """A mesh as CAD programs write it is the solid that was meant, or it is refused with file and place."""
 
 import shutil
-import sys
 import warnings
 from pathlib import Path
 
@@ -471,12 +470,12 @@ def test_a_ply_file_is_read_where_all_its_faces_are_there(tmp_path):
         refuses(tmp_path / "body.ply", content, f"body.ply: cannot be read .*{message}")
 
 
-def test_who_waits_for_a_mesh_is_told_how_far_it_is(tmp_path, monkeypatch, capsys):
+def test_who_waits_for_a_mesh_is_told_how_far_it_is(tmp_path, monkeypatch, caplog):
+    caplog.set_level("INFO", "taichi_mps")
     monkeypatch.setattr(solid, "PROGRESS_INTERVAL", 0.0)
     monkeypatch.setattr(solid, "NODES_PER_CALL", 1000)
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)  # on a terminal, as of a run
     mps.Solid.from_mesh(stl(tmp_path / "cube.stl", box()), 0.05, 0.2)
-    lines = capsys.readouterr().err.splitlines()
+    lines = caplog.messages
     assert len(lines) > 10 and all("% of the distances of a solid at 2.4e+04 nodes" in line for line in lines)
 
 

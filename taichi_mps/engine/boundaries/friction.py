@@ -76,15 +76,15 @@ class FrictionalSlip:
         self.bond[i] = size / (size + sheared) if sheared > 0.0 else 1.0
 
     @ti.func
-    def set_area(self, i, n, z, volume, cBn, ratio, acts, second_row_share):
+    def set_area(self, i, n, z, volume, cBn, ratio, acts, second_row_fraction):
         """Set the area of the wall that belongs to particle i, and the thickness of the layer beneath it. The areas add
-        up to the wall: the second row of a lattice has its c V n.B n, ``second_row_share`` of the whole, and the first
-        row the rest; c V n.B n itself grows by 5 % in sheared fluid. The thickness is z, but not more than
+        up to the wall: the second row of a lattice has its c V n.B n, ``second_row_fraction`` of the whole, and the
+        first row the rest; c V n.B n itself grows by 5 % in sheared fluid. The thickness is z, but not more than
         ``map_traction`` needs to converge."""
         size = self.spacing * ti.sqrt(ratio)
         first = ti.max(0.0, ti.min(1.0, 2.5 - 2.0 * z / size))  # 1 in the first row, 0 in the second
         own_area = volume * ti.max(n.dot(cBn), 1e-3 / size)
-        area = first * (1.0 - second_row_share) * acts * volume / size + (1.0 - first) * own_area
+        area = first * (1.0 - second_row_fraction) * acts * volume / size + (1.0 - first) * own_area
         self.area[i] = area
         self.thickness[i] = ti.min(z, area / ti.max(volume * cBn.norm_sqr(), 1e-12 * area))
 

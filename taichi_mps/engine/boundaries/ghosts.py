@@ -64,7 +64,7 @@ class GhostSums:
 
     def __init__(self, dimension, spacing, effective_radius, kernels, rings, corners, meet, capacity):
         self.dimension, self.spacing, self.rings = dimension, spacing, rings
-        self.reach, self.effective_radius = effective_radius - 0.5 * spacing, effective_radius
+        self.depth, self.effective_radius = effective_radius - 0.5 * spacing, effective_radius
         self.closest, self.entries = MIN_DISTANCE * spacing, 256
         self.sizes = (
             SMALLEST_RING + (LARGEST_RING - SMALLEST_RING) * np.arange(RING_SIZES) / (RING_SIZES - 1)
@@ -85,7 +85,7 @@ class GhostSums:
         row = round(1.5 * spacing / effective_radius * (self.entries - 1))
         coefficient = tables[0, np.argmin(np.abs(self.sizes - 1.0)), row, GHOST_SUMS.index("gradient")]
         # fraction of a wall's area that belongs to the second row
-        self.second_row_share = float(coefficient) * spacing * dimension / n0
+        self.second_row_fraction = float(coefficient) * spacing * dimension / n0
         # GHOST_SUMS at a size and z = re k/(entries - 1), and their derivative by the curvature [m]
         self.flat, self.bend = constant_fields(tables[0], (tables[1] - tables[2]) / (2.0 * bent), vectors=True)
         if corners:
@@ -207,4 +207,4 @@ class GhostSums:
     @ti.func
     def visible_fraction(self, z, across, cosine):
         """Visible fraction of a face z [m] away: 0 where its foot is well behind another face, ``across`` [m] away."""
-        return ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (EDGE_MARGIN * self.reach)))
+        return ti.max(0.0, ti.min(1.0, 1.0 + (across - cosine * z) / (EDGE_MARGIN * self.depth)))

@@ -26,8 +26,8 @@ class SampledSurface(Surface):
             self.centre = ti.types.vector(dimension, ti.f64)(wall.centre)
             self.spin = ti.types.matrix(dimension, dimension, ti.f64)(wall.spin)
         # distance and normal of the faces before each particle: the nearest one, and near a concave edge the others
-        self.reach = effective_radius - 0.5 * spacing  # of the ghosts: the first is half a spacing behind a face
-        face_row, planes = find_concave_edges(wall.values, self.cell, self.reach, search_faces)
+        self.depth = effective_radius - 0.5 * spacing  # of the ghosts: the first is half a spacing behind a face
+        face_row, planes = find_concave_edges(wall.values, self.cell, self.depth, search_faces)
         self.faces = planes.shape[1]
         if self.faces > 1:
             (self.face_row,) = constant_fields(face_row)  # row of a node in ``planes``, -1: only the nearest face
@@ -83,7 +83,7 @@ class SampledSurface(Surface):
         if ti.static(self.faces > 1):
             for slot in range(1, self.faces):
                 self.z[i, slot] = FAR
-            if z < self.reach:
+            if z < self.depth:
                 node_coordinates = self.offset(x) / self.cell
                 first = ti.min(ti.cast(node_coordinates, ti.i32), ti.Vector(self.shape) - 2)
                 node = first  # the node around x that is farthest from the solid, where the faces are clear

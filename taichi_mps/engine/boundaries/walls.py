@@ -231,7 +231,7 @@ class Walls(WallPositions):
                 acts = wall.weight(i, x, z)
                 cBn = self.c[i, f] * (B @ n)
                 wall.friction.set_area(
-                    i, n, ti.max(z, self.closest), volume, cBn, ratio, acts, self.ghosts.second_row_share
+                    i, n, ti.max(z, self.closest), volume, cBn, ratio, acts, self.ghosts.second_row_fraction
                 )
                 wall.friction.set_initial_slip(i, n, u - velocity, mu)
             else:

@@ -26,7 +26,7 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())  # without a hand
 
 
 def read_triangles(path, scale, body, tolerance):
-    """Triangles (m, 3, 3) of a file, and what is to be told of them; SceneError if it cannot be read.
+    """Triangles (m, 3, 3) of a file, and what is to be reported of them; SceneError if it cannot be read.
 
     Corners of a STEP file are in metres.
     """
@@ -123,7 +123,7 @@ STEP_TIMEOUT = 600.0  # for cutting a STEP file into triangles [s]
 
 
 def read_step(path, name, tolerance):
-    """Triangles (m, 3, 3) [m] of all bodies of a STEP file, or of one by its name, and what is to be told of them.
+    """Triangles (m, 3, 3) [m] of all bodies of a STEP file, or of one by its name, and what is to be reported of them.
 
     OpenCASCADE works in millimetres. It runs in a process of its own, because it prints and a damaged file may end it.
     """
@@ -139,10 +139,10 @@ def read_step(path, name, tolerance):
         except Exception as error:
             raise SceneError(f"mesh {path}: cannot be read as STEP ({type(error).__name__})") from None
     names = list(dict(bodies))
-    told = f"{len(names)} bodies: {', '.join(names[:20])}"
-    require(not name or name in names, f"mesh {path}: body = {name}: must be one of its {told}")
+    bodies = f"{len(names)} bodies: {', '.join(names[:20])}"
+    require(not name or name in names, f"mesh {path}: body = {name}: must be one of its {bodies}")
     triangles = np.concatenate([np.zeros((0, 3, 3)), *(own for key, own in bodies if name in ("", key))])
     note = f"{len(triangles)} triangles within {tolerance:.2g} m of the faces of " + (
         f"body {name} of " if name else ""
     )
-    return triangles, [note + told]
+    return triangles, [note + bodies]

@@ -395,10 +395,10 @@ def fill(solid: InstanceOf[Body], spacing: Size, mirrors: Sequence[InstanceOf[Ha
         x = lattice(lo, high, spacing)
         candidates.append(x[solid.contains(x)])
     best = min(candidates, key=lambda x: abs(len(x) * spacing ** len(low) - solid.volume))
-    share = len(best) * spacing ** len(low) / solid.volume
-    if len(best) and abs(share - 1.0) > MAX_LEFT_OUT:
+    fraction = len(best) * spacing ** len(low) / solid.volume
+    if len(best) and abs(fraction - 1.0) > MAX_LEFT_OUT:
         remedy = "a spacing of which its sides are multiples, or a smaller one, fills it"
-        warnings.warn(f"spacing = {spacing:g} m: particles fill {share:.0%} of the body; {remedy}", stacklevel=3)
+        warnings.warn(f"spacing = {spacing:g} m: particles fill {fraction:.0%} of the body; {remedy}", stacklevel=3)
     for mirror in mirrors:
         best = best[mirror.distance(best) > 0.0]
     require(len(best), f"spacing = {spacing:g} m: no particle fits into the body; use a smaller spacing")

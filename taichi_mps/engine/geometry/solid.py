@@ -1,6 +1,6 @@
 """Walls of any shape: a signed distance sampled on a grid, from a function or from a triangle mesh. Plain NumPy."""
 
-import sys
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -54,7 +54,7 @@ PolygonCorners = Annotated[PlanePoints, AfterValidator(polygon_corners)]
 Scale = real("", gt=0.0, le=1e6)
 MAX_NODES = 5e7  # of one grid: 400 MB of distances
 NODES_PER_CALL = 2e4  # of a user's distance function; some seconds for a mesh of 96,000 triangles
-PROGRESS_INTERVAL = 5.0  # time between two lines of progress on the screen [s]
+PROGRESS_INTERVAL = 5.0  # time between two lines of progress in the log [s]
 
 
 @validated
@@ -176,11 +176,11 @@ class Solid(Moving):
         require(needed <= MAX_NODES, f"cell = {cell:g} m: needs {needed:.2g} nodes; at most {MAX_NODES:.2g}")
         shape = shape.astype(int)
         ticks = [lo + cell * np.arange(n) for lo, n in zip(low, shape, strict=True)]
-        slab, values, printed = max(1, int(NODES_PER_CALL / np.prod(shape[1:]))), [], monotonic()
-        for first in range(0, shape[0], slab):  # slab by slab, to save memory and to print the progress
-            if monotonic() - printed > PROGRESS_INTERVAL and sys.stderr and sys.stderr.isatty():
-                printed, share = monotonic(), first / shape[0]
-                print(f"taichi-mps: {share:.0%} of the distances of a solid at {needed:.2g} nodes", file=sys.stderr)
+        slab, values, logged = max(1, int(NODES_PER_CALL / np.prod(shape[1:]))), [], monotonic()
+        for first in range(0, shape[0], slab):  # slab by slab, to save memory and to log the progress
+            if monotonic() - logged > PROGRESS_INTERVAL:
+                logged, part = monotonic(), first / shape[0]
+                logging.getLogger(__name__).info(f"{part:.0%} of the distances of a solid at {needed:.2g} nodes")
             nodes = np.stack(np.meshgrid(ticks[0][first : first + slab], *ticks[1:], indexing="ij"))
             values.append(evaluate_distance(distance, nodes.reshape(len(low), -1).T).reshape(nodes.shape[1:]))
         values = np.concatenate(values)

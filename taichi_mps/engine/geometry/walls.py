@@ -40,9 +40,9 @@ class Friction(Checked):
     Notes
     -----
     The wall holds the fluid up to the yield stress of the interface tau_0; beyond, it slips at the velocity v against
-    the stress tau_0 + k v (eq I23). The layer between a particle and the wall has the ``typical_slope`` of the fluid's
-    flow curve: of Bingham's law the plastic viscosity, of Herschel and Bulkley's k 5^(n-1), of others the slope of the
-    chord up to 5 1/s.
+    the stress tau_0 + k v (eq I23): a lubricating layer, as of pumped concrete, slips at (tau - tau_0)/k.
+    The layer between a particle and the wall has the ``typical_slope`` of the fluid's flow curve: of Bingham's law the
+    plastic viscosity, of Herschel and Bulkley's k 5^(n-1), of others the slope of the chord up to 5 1/s.
 
     Examples
     --------

@@ -37,7 +37,7 @@ class Gradient:
         self.n0, self.weight, self.packing_kernel = lattice.n0, lattice.weight, lattice.packing_kernel
         self.full, self.at_surface = lattice.neighbours, lattice.surface_normal
         self.full_packing = lattice.packing
-        self.effective_radius = neighbors.bins.reach - neighbors.skin
+        self.effective_radius = neighbors.bins.radius - neighbors.skin
         # (w/r^2) r_ij [1/m] and w/r^2 [1/m2] of each pair; of rings times the circle half-way between them over l0
         self.b = ti.Vector.field(d, real(), neighbors.pair_capacity)
         self.weight_r2 = ti.field(real(), neighbors.pair_capacity)

@@ -64,12 +64,12 @@ def lattice_sums(
     packing_kernel: Callable = PACKING,
 ) -> LatticeSums:
     """Sums over the cubic lattice in which the particles begin."""
-    reach = int(effective_radius / spacing) + 1
-    axis = np.arange(-reach, reach + 1) * spacing
+    cells = int(effective_radius / spacing) + 1
+    axis = np.arange(-cells, cells + 1) * spacing
     points = np.stack(np.meshgrid(*[axis] * dimension), -1).reshape(-1, dimension)
     r = np.linalg.norm(points, axis=1)
-    in_reach = (r > 0.5 * spacing) & (r < effective_radius)
-    r, height = r[in_reach], points[in_reach, 0]
+    near = (r > 0.5 * spacing) & (r < effective_radius)
+    r, height = r[near], points[near, 0]
     w = weight(r / effective_radius)
     lam, surface_normal = (w * r * r).sum() / w.sum(), 0.5 * (w * np.abs(height) / r).sum()
     crowd = 1.0 + packing_kernel(r / effective_radius).sum()
@@ -118,9 +118,9 @@ def ghost_table(
 
 def _lattice_behind(dimension, spacing, effective_radius):
     """Ghosts (n, d): tangential distances from the particle, and last the depth behind the wall [m]."""
-    reach = int(effective_radius / spacing) + 2
-    axis = np.arange(-reach, reach + 1) * spacing
-    depth = (np.arange(reach) + 0.5) * spacing
+    cells = int(effective_radius / spacing) + 2
+    axis = np.arange(-cells, cells + 1) * spacing
+    depth = (np.arange(cells) + 0.5) * spacing
     return np.stack(np.meshgrid(*[axis] * (dimension - 1), depth, indexing="ij"), -1).reshape(-1, dimension)
 
 

@@ -42,14 +42,14 @@ def wrapped_number(place, shape: ti.template(), periodic: ti.template()):
 class Bins:
     """Dense grid of cells over the scene's domain, not smaller than a neighbour list reaches; last axis fastest."""
 
-    def __init__(self, particles, domain, periodic, reach: float):
+    def __init__(self, particles, domain, periodic, radius: float):
         low, high = (np.array(corner, float) for corner in domain)
         size = high - low
         self.particles = particles
         self.dimension = len(low)
         self.periodic = tuple(periodic)
-        self.reach = reach
-        shape = np.maximum(1, np.floor(size / reach).astype(int))
+        self.radius = radius
+        shape = np.maximum(1, np.floor(size / radius).astype(int))
         self.shape = tuple(int(s) for s in shape)
         self.cells = int(np.prod(shape))
         vector = ti.types.vector(self.dimension, ti.f64)
@@ -130,10 +130,10 @@ class Bins:
 
 @ti.data_oriented
 class NeighborList:
-    """Rows j = column[row_start[i] .. row_start[i+1]] with |x_j - x_i| < reach, j != i.
+    """Rows j = column[row_start[i] .. row_start[i+1]] with |x_j - x_i| < radius, j != i.
 
-    ``skin`` [m], where steps are short: the reach is longer by it than the effective radius, and a list is kept until a
-    particle has gone half as far (Verlet, Physical Review 159 (1967), 98-103). Dummies, and wall particles without
+    ``skin`` [m], where steps are short: the radius is longer by it than the effective radius, and a list is kept until
+    a particle has gone half as far (Verlet, Physical Review 159 (1967), 98-103). Dummies, and wall particles without
     fluid near, then have no neighbours: nothing is read there.
     """
 
@@ -158,7 +158,7 @@ class NeighborList:
         c = self.bins.cell(x)
         d = ti.static(self.bins.dimension)
         shape = ti.static(self.bins.shape)
-        reach2 = self.bins.reach**2
+        radius2 = self.bins.radius**2
         listed, fluid_neighbours = 0, 0
         first = self.row_start[i]
         for offset in ti.grouped(ti.ndrange(*((-1, 2),) * (d - 1))):
@@ -179,7 +179,7 @@ class NeighborList:
                         self.bins.cell_start[row * shape[d - 1] + high + 1],
                     ):
                         r = self.bins.displacement(x, self.particles.x[j])
-                        if j != i and r.dot(r) < reach2:
+                        if j != i and r.dot(r) < radius2:
                             if ti.static(fill):
                                 self.column[ti.min(first + listed, self.pair_capacity - 1)] = j
                             listed += 1

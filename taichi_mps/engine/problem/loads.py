@@ -42,8 +42,8 @@ class Load:
     def revolved(self, ring, around, across) -> "Load":
         """Load of rings (r, z), each shared by the particles around it, whose numbers of the ``ring`` (m,) and
         directions ``across`` (m, 2) are given; ``around`` (n,) particles share one."""
-        share = (self.forces / around[:, None])[ring]
-        forces = np.column_stack([share[:, :1] * across, share[:, 1]])
+        per_particle = (self.forces / around[:, None])[ring]
+        forces = np.column_stack([per_particle[:, :1] * across, per_particle[:, 1]])
         return Load(np.array([0.0, 0.0, self.point[1]]), forces, np.zeros_like(forces))
 
 

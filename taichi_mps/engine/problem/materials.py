@@ -618,11 +618,13 @@ class Concrete(create_model("Numbers", __base__=Material, **numbers_of_all_laws(
 
     def __new__(cls, **numbers):
         """Make the law of these numbers."""
-        return law_of(numbers, Bingham())
+        return cls.from_values(numbers, Bingham())
 
     @classmethod
     def from_values(cls, values, default) -> Material:
-        """Make the law of these values.
+        """Make the material of these values, by the law that has most of them.
+
+        The law of the default is preferred.
 
         Parameters
         ----------
@@ -635,8 +637,36 @@ class Concrete(create_model("Numbers", __base__=Material, **numbers_of_all_laws(
         -------
         Material
             Law that has the numbers given.
+
+        Raises
+        ------
+        SceneError
+            For a number that the law does not have.
         """
-        return law_of(values, default if isinstance(default, Material) else Bingham())
+        usual = default if isinstance(default, Material) else Bingham()
+        given = {name: value for name, value in values.items() if value is not None}
+        for name, value in given.items():
+            require(not isinstance(value, np.ndarray | bool), f"{name} = {quote(value, '')}: must be a number")
+        choosing = [name for name, value in given.items() if chooses_law(name, value)]
+        law = max(
+            (type(usual), *LAWS), key=lambda law: sum(name in (*numbers_of(law), *law.viscous) for name in choosing)
+        )
+        known = numbers_of(law)
+        by = " and ".join(name for name in choosing if name in known and name not in COMMON_NUMBERS)
+        for name in (name for name in choosing if name in NUMBERS and name not in known):
+            key = f"{name} = {quote(given[name], unit_of(cls.model_fields[name]))}"
+            require(
+                name in law.viscous, f"{key}: the law {law.__name__}, by {by}, has no such number; must be left out"
+            )
+            require(
+                law.viscous[0] not in given, f"{key}: stands for {law.viscous[0]}, which is given; must be left out"
+            )
+        numbers = dict(usual) | given
+        for name in law.viscous[1:]:
+            if name in given or (law.viscous[0] not in numbers and name in numbers):
+                numbers[law.viscous[0]] = numbers[name]
+        unknown = given.keys() - cls.model_fields.keys()  # refused by the law
+        return law(**{name: value for name, value in numbers.items() if name in known or name in unknown})
 
 
 NUMBERS |= {name: law.__name__ for law in reversed(LAWS) for name in numbers_of(law) if name not in COMMON_NUMBERS}
@@ -649,31 +679,6 @@ def chooses_law(name: str, value) -> bool:
     """
     law = next((law for law in LAWS if name in numbers_of(law)), None)
     return law is None or name in law.viscous or value != law.model_fields[name].default
-
-
-def law_of(numbers: dict, usual: Material) -> Material:
-    """Make the material of numbers, {name: value or None}, by the law that has most of them.
-
-    The law of ``usual`` is preferred, and its numbers stand for those that are not given. SceneError for a number that
-    the law does not have.
-    """
-    given = {name: value for name, value in numbers.items() if value is not None}
-    for name, value in given.items():
-        require(not isinstance(value, np.ndarray | bool), f"{name} = {quote(value, '')}: must be a number")
-    choosing = [name for name, value in given.items() if chooses_law(name, value)]
-    law = max((type(usual), *LAWS), key=lambda law: sum(name in (*numbers_of(law), *law.viscous) for name in choosing))
-    known = numbers_of(law)
-    by = " and ".join(name for name in choosing if name in known and name not in COMMON_NUMBERS)
-    for name in (name for name in choosing if name in NUMBERS and name not in known):
-        key = f"{name} = {quote(given[name], unit_of(Concrete.model_fields[name]))}"
-        require(name in law.viscous, f"{key}: the law {law.__name__}, by {by}, has no such number; must be left out")
-        require(law.viscous[0] not in given, f"{key}: stands for {law.viscous[0]}, which is given; must be left out")
-    values = dict(usual) | given
-    for name in law.viscous[1:]:
-        if name in given or (law.viscous[0] not in values and name in values):
-            values[law.viscous[0]] = values[name]
-    unknown = given.keys() - Concrete.model_fields.keys()  # refused by the law
-    return law(**{name: value for name, value in values.items() if name in known or name in unknown})
 
 
 @validated

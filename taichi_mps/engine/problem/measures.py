@@ -553,10 +553,10 @@ def spread(s: InstanceOf[Snapshot]) -> float:
     # no sector or layer ends where lattices and mirror planes have particles, so that rounding moves none across
     sector = np.floor((angle / (2 * np.pi) + 0.5) * sectors + 0.37).astype(int) % sectors
     quarter = ((s.x[:, 2] - s.x[:, 2].min()) / (0.25 * size) + 2.28).astype(int)  # number of the quarter of a layer
-    reach = np.zeros((quarter.max() + 4) * sectors)
-    np.maximum.at(reach, quarter * sectors + sector, r + 0.5 * s.size)
-    reach = reach.reshape(-1, sectors)
-    layers = np.max([reach[k : len(reach) - 3 + k] for k in range(4)], axis=0)
+    outermost = np.zeros((quarter.max() + 4) * sectors)
+    np.maximum.at(outermost, quarter * sectors + sector, r + 0.5 * s.size)
+    outermost = outermost.reshape(-1, sectors)
+    layers = np.max([outermost[k : len(outermost) - 3 + k] for k in range(4)], axis=0)
     widest = (layers.sum(1) / np.maximum(1, (layers > 0.0).sum(1))).max()
     return float(2.0 * widest)
 

@@ -3,11 +3,12 @@
 import math
 from dataclasses import dataclass
 
-LONG = 2.0  # a quiet flow takes steps as long as this many of the scene's own
+LONG = 2.0  # a slowly varying flow takes steps as long as this many of the scene's own
 # A decaying flow may take steps of this fraction of its decay time, in which its speed falls to 1/e, and a flow that
 # starts steps of this fraction of the time so far: backward Euler then resolves the diffusion from the walls
 CREEP = 0.1
-QUIET = 0.005  # a flow is quiet where its change of velocity moves particles by less than this part of l0 in a step
+# a flow varies slowly where its change of velocity moves particles by less than this part of l0 in a step
+QUIET = 0.005
 STILL = 1e-5  # speed over sqrt(gH) below which steps are not longer: each one removes most of the remaining motion
 
 
@@ -36,40 +37,40 @@ def longest_step(
 
 
 class TimeStep:
-    """Longest steps of a problem: ``longest`` of a flow that is not quiet, ``quiet_step`` of one that is, ``natural`` a
-    scale of the scene that does not depend on the steps taken [s]."""
+    """Longest steps of a problem: ``longest`` of a flow that does not vary slowly, ``slow_step`` of one that
+    does, ``natural`` a scale of the scene that does not depend on the steps taken [s]."""
 
     def __init__(self, problem):
         scene, materials, numerics = problem.scene.expected, problem.materials, problem.numerics
         height, gravity, speed, spacing = problem.height, problem.gravity, problem.speed, scene.spacing
         yields, self.limit = all(m.yields for m in materials), numerics.max_time_step or math.inf  # of any step [s]
-        longest, quiet = (
+        longest, slow = (
             min(longest_step(m.typical_slope / m.density, gravity, height, spacing, times) for m in materials)
             for times in (1.0, LONG)
         )
-        self.falls = yields and quiet > longest  # whether a yielding fluid falls faster than its viscosity lets it flow
+        self.falls = yields and slow > longest  # whether a yielding fluid falls faster than its viscosity lets it flow
         self.longest = min(longest, self.limit)
-        self.quiet_step = min(quiet if self.falls else longest, self.limit)
+        self.slow_step = min(slow if self.falls else longest, self.limit)
         self.yields = yields  # whether a decaying flow takes longer steps
         # T [s], in which viscosity, the largest of the mixes, carries a motion through the body
         self.viscous_time = min(m.density / m.typical_slope for m in materials) * height**2
-        # limits of a quiet flow and of one at rest: change of the velocity times the step [m], velocity [m/s]
-        self.quiet, self.still = QUIET * spacing, STILL * (gravity * height + speed**2) ** 0.5
+        # limits of a slowly varying flow and of one at rest: change of the velocity times the step [m], velocity [m/s]
+        self.max_change, self.min_speed = QUIET * spacing, STILL * (gravity * height + speed**2) ** 0.5
         courant_number = type(numerics).model_fields["courant_number"].default
         self.natural = min(longest, courant_number * spacing / speed) if speed else longest
 
     def longest_at(self, speeds: Speeds) -> float:
-        """Longest step [s] at these speeds: ``longest``, or in a quiet flow sqrt(QUIET l0/acceleration), at most
-        ``longest_in(decay)``. Until viscous_time at most CREEP times the time so far, or CREEP viscous_time where that
-        is more; never above the given limit."""
+        """Longest step [s] at these speeds: ``longest``, or in a slowly varying flow sqrt(QUIET l0/acceleration), at
+        most ``longest_in(decay)``. Until viscous_time at most CREEP times the time so far, or CREEP viscous_time where
+        that is more; never above the given limit."""
         longest = self.longest
-        if speeds.acceleration * longest**2 < self.quiet and speeds.speed > self.still:
+        if speeds.acceleration * longest**2 < self.max_change and speeds.speed > self.min_speed:
             most = self.longest_in(speeds.decay)
-            longest = max(longest, min(most, math.sqrt(self.quiet / max(speeds.acceleration, 1e-30))))
+            longest = max(longest, min(most, math.sqrt(self.max_change / max(speeds.acceleration, 1e-30))))
         if speeds.since < self.viscous_time:
             longest = min(longest, CREEP * max(speeds.since, CREEP * self.viscous_time))
         return min(longest, self.limit)
 
     def longest_in(self, decay: float) -> float:
-        """Longest step [s] of a quiet flow whose speed falls to 1/e in a ``decay`` [s]."""
-        return min(max(self.quiet_step, CREEP * decay * self.yields), self.limit)
+        """Longest step [s] of a slowly varying flow whose speed falls to 1/e in a ``decay`` [s]."""
+        return min(max(self.slow_step, CREEP * decay * self.yields), self.limit)

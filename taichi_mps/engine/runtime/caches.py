@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import tempfile
+import warnings
 from pathlib import Path
 
 from ...units import plain
@@ -27,8 +28,8 @@ def set_cache_folders(language: str) -> None:
     folder = tempfile.mkdtemp(prefix="taichi_mps-")
     atexit.register(remove, folder, language)
     os.environ[KERNELS[language]] = os.path.join(folder, "kernels")
-    warning = f"{plain(chosen or home)} cannot be written, so compiled kernels are not kept for the next run"
-    print(f"taichi-mps: {warning}", file=sys.stderr)
+    unwritable = plain(chosen or home)
+    warnings.warn(f"{unwritable} cannot be written, so compiled kernels are not kept for the next run", stacklevel=2)
 
 
 def kernels(language: str) -> Path:

@@ -35,7 +35,7 @@ ONE_THREAD_BELOW_ROWS = 3000
 """Number of rows below which one thread works alone: starting kernels and threads would cost more than the work."""
 
 MAX_NUMBERS = 8  # numbers that the stages of one kernel may take in all
-TURN = object()  # stands for the number of the present turn of ``repeat``
+ITERATION = object()  # stands for the number of the present iteration of ``repeat``
 
 
 def one_thread(rows: int) -> bool:
@@ -51,10 +51,10 @@ class Call:
     def __init__(self, stage, arguments, slots):
         self.stage, self.arguments, self.slots = stage, arguments, slots  # slots: of numbers, None for objects
 
-    def __call__(self, turn, numbers):
+    def __call__(self, iteration, numbers):
         bound = []
         for argument, slot, kind in zip(self.arguments, self.slots, self.stage.kinds, strict=True):
-            value = turn if argument is TURN else argument if slot is None else numbers[slot]
+            value = iteration if argument is ITERATION else argument if slot is None else numbers[slot]
             bound.append(value if kind is None else ti.cast(value, real() if kind is float else kind))
         return self.stage.part(*bound)
 
@@ -68,8 +68,8 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
         numbers = ti.static((a, b, c, d, e, f, g, h))  # a vector as argument takes 0.1 ms more to launch
         if ti.static(bool(team)):
             team.open(whole)
-            for turn in range(team.turns):
-                member = team.join(turn)
+            for iteration in range(team.iterations):
+                member = team.join(iteration)
                 if member >= 0:
                     enter(team, member)
                     for call in ti.static(calls):
@@ -77,9 +77,9 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
                     team.close()
         elif ti.static(alone):
             ti.loop_config(serialize=True)
-            for turn in range(whole):
+            for iteration in range(whole):
                 for call in ti.static(calls):
-                    call(turn, numbers)
+                    call(iteration, numbers)
         else:
             for call in ti.static(calls):
                 call(0, numbers)
@@ -156,7 +156,7 @@ class Execution:
             known, slots = list(numbers), []
             for argument, kind in zip(arguments, stage.kinds, strict=True):
                 slot = None
-                if kind is not None and argument is not TURN:
+                if kind is not None and argument is not ITERATION:
                     same = (k for k, number in enumerate(known) if number is argument and type(number) is float)
                     slot = next(same, len(known))
                     known += [argument] if slot == len(known) else []
@@ -189,12 +189,12 @@ def repeat(times: int):
     """Repeat stages, as ``for k in repeat(times)``, by a loop in Python or in the kernel of these stages."""
     if _current and _current.fuses and not _current.timed:
         _current.flush()
-        yield TURN
+        yield ITERATION
         _current.flush(times)
     else:
-        for turn in range(times):
+        for iteration in range(times):
             flush()
-            yield turn
+            yield iteration
         flush()
 
 

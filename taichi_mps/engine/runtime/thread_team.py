@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 from .backend import compiled_now, for_kernels, ti
 
-TURNS_PER_THREAD = 512  # least number of turns of a loop that Taichi gives to one thread
+ITERATIONS_PER_THREAD = 512  # least number of iterations of a loop that Taichi gives to one thread
 ROWS_PER_MEMBER = 1000  # rows for which another member costs less than its waits
 JOIN_POLLS = 20_000  # polls for other members before the first round: some 100 microseconds
 MAX_POLLS = 100_000  # polls of a wait, beyond which it is late
@@ -33,19 +33,19 @@ class ThreadTeam:
     """Team of threads of one kernel, which calls
 
         team.open(rows)
-        for turn in range(team.turns):
-            member = team.join(turn)
+        for iteration in range(team.iterations):
+            member = team.join(iteration)
             if member >= 0:
                 enter(team, member); [the work: rounds, each ended by barrier()]
                 team.close()
 
-    A member does the turns of a loop over n from ``first`` to ``last``, then it waits. The number of members differs
-    from round to round: results must not depend on it, and data that a round needs from the one before must be in
-    fields.
+    A member does the iterations of a loop over n from ``first`` to ``last``, then it waits. The number of members
+    differs from round to round: results must not depend on it, and data that a round needs from the one before must be
+    in fields.
     """
 
     def __init__(self, threads: int):
-        self.threads, self.turns = threads, TURNS_PER_THREAD * threads
+        self.threads, self.iterations = threads, ITERATIONS_PER_THREAD * threads
         (
             self.wanted,  # threads wanted
             self.joined,  # threads that have joined
@@ -71,10 +71,10 @@ class ThreadTeam:
         self.max_polls[None] = MAX_POLLS + 10 * rows  # a loop takes some 100 nanoseconds a row, a poll 5 or more
 
     @ti.func
-    def join(self, turn):
-        """Join the team: number of the member that the thread of this turn becomes, or -1."""
+    def join(self, iteration):
+        """Join the team: number of the member that the thread of this iteration becomes, or -1."""
         member = -1
-        if turn % TURNS_PER_THREAD == 0:
+        if iteration % ITERATIONS_PER_THREAD == 0:
             member = ti.atomic_add(self.joined[None], 1)
             if member == 0:
                 looks = 0
@@ -102,13 +102,13 @@ class ThreadTeam:
         return member < self.founder_count[None]
 
     @ti.func
-    def first_turn(self, member, n):
+    def first_iteration(self, member, n):
         size = self.size[None]
         return n // size * member + ti.min(member, n % size)
 
     @ti.func
-    def last_turn(self, member, n):
-        return self.first_turn(member + 1, n)
+    def last_iteration(self, member, n):
+        return self.first_iteration(member + 1, n)
 
     @ti.func
     def barrier(self, _member, ends_round: ti.template()):
@@ -160,8 +160,8 @@ def _of_member(method, alone, *more):
     return call
 
 
-first = _of_member("first_turn", lambda n: 0)  # first of n turns of this member
-last = _of_member("last_turn", lambda n: n)  # turn after the last one of this member
+first = _of_member("first_iteration", lambda n: 0)  # first of n iterations of this member
+last = _of_member("last_iteration", lambda n: n)  # iteration after the last one of this member
 leads = _of_member("is_led_by", lambda: True)  # whether the member executes the code for one thread
 begins = _of_member("is_founder", lambda: True)  # whether the member has been there from the first round
 takes_part = _of_member("has_member", lambda: True)  # whether the thread is a member in this round

@@ -5,6 +5,7 @@ and a system for the velocity is assembled; Uzawa's iterations solve it in turn 
 are its multipliers; then the particles are shifted and drift the other half.
 """
 
+import inspect
 import warnings
 
 from ..particles.active_set import FULL_STEP_INTERVAL, ActiveSet, AllActive
@@ -41,86 +42,60 @@ class ImplicitScheme(Scheme):
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
         super().__init__(problem, carried(problem), to_come, pairs_per_particle)
         scene, fluid, walls = problem.scene, self.fluid, self.fluid.walls
-        constants = self.constants = Constants(fluid.particles, problem, fluid.gravity, fluid.twist)
-        sums = PairSums(fluid.particles, fluid.gradient, walls)
+        self.constants = Constants(fluid.particles, problem, fluid.gravity, fluid.twist)
+        self.sums = PairSums(fluid.particles, fluid.gradient, walls)
         # which terms the scene needs: the stages of the others do nothing
-        bi_viscosity, several = problem.law == "bi-viscosity", len(problem.materials) > 1
-        holds = any(not wall.slip for wall in walls.surfaces)
+        several, holds = len(problem.materials) > 1, any(not wall.slip for wall in walls.surfaces)
         directions = free_directions(scene, problem.numerics.walls)
         drifts = directions.any()
         self.may_be_full = problem.may_be_full(to_come)
-        may_stand_still = may_stand(problem, fluid.particles, walls) and not drifts
-
-        self.pressure = Pressure(fluid, constants)
-        self.strain_rate = StrainRate(fluid, sums)
-        self.solved_rate = SolvedRate(fluid, sums, self.strain_rate)
-        self.interface = Interface(fluid, constants) if several else NoOp("find_normals", "gather")
-        self.stress = Stress(
-            fluid,
-            constants,
-            interface=self.interface,
-            strain_rate=self.strain_rate,
-            solved_rate=self.solved_rate,
-            pressure=self.pressure,
-            problem=problem,
-        )
-        at_start = {"strain_rate": self.strain_rate, "pressure": self.pressure}  # of the step
-        self.resistance = HourglassResistance(fluid, constants, **at_start, stress=self.stress)
-        self.correction = DeferredCorrection(
-            fluid, sums, self.strain_rate, self.resistance, averages=self.stress.averages
-        )
-        self.wall_stress = NoOp("set_driving_force", "update_weight", force=no_force)
-        if holds:
-            self.wall_stress = WallStress(fluid, constants, **at_start, stress=self.stress)
-        self.shifting = Shifting(fluid, shifts_in_tension=problem.law == "newtonian")
-        self.constraint = VolumeConstraint(
-            fluid, constants, **at_start, shifting=self.shifting, stress=self.stress, pours=bool(scene.inlets)
-        )
-        self.residuals = Residuals(fluid, constants, self.stress, self.constraint)
-        self.operator = MomentumOperator(fluid, sums, constants, stress=self.stress, resistance=self.resistance)
-        self.source = MomentumSource(
-            self.operator,
-            pressure=self.pressure,
-            constraint=self.constraint,
-            correction=self.correction,
-            wall_stress=self.wall_stress,
-        )
         # in a step the matrix changes with a viscosity that depends on the velocity, and with the friction of walls
-        self.assembles_again = bi_viscosity
-        self.velocity = VelocitySolve(self.operator, continues=not (bi_viscosity or walls.have_friction))
-        solved = {  # constants, and what the fluid gives to the walls at the new velocity
-            "constants": constants,
-            "pressure": self.pressure,
-            "stress": self.stress,
-            "resistance": self.resistance,
-            "solved_rate": self.solved_rate,
-        }
-        self.friction = (
-            WallFriction(fluid, **solved) if walls.have_friction else NoOp("set_initial_slip", "update_slip")
+        self.assembles_again = problem.law == "bi-viscosity"
+        continues = not (self.assembles_again or walls.have_friction)
+
+        self.pressure = self.term(Pressure)
+        self.strain_rate = self.term(StrainRate)
+        self.solved_rate = self.term(SolvedRate)
+        self.interface = self.term(Interface) if several else NoOp("find_normals", "gather")
+        self.stress = self.term(Stress, problem=problem)
+        self.resistance = self.term(HourglassResistance)
+        self.correction = self.term(DeferredCorrection, averages=self.stress.averages)
+        self.wall_stress = (
+            self.term(WallStress) if holds else NoOp("set_driving_force", "update_weight", force=no_force)
         )
+        self.shifting = self.term(Shifting, shifts_in_tension=problem.law == "newtonian")
+        self.constraint = self.term(VolumeConstraint, pours=bool(scene.inlets))
+        self.residuals = self.term(Residuals)
+        self.operator = self.term(MomentumOperator)
+        self.source = self.term(MomentumSource)
+        self.velocity = self.term(VelocitySolve, continues=continues)
+        self.friction = self.term(WallFriction) if walls.have_friction else NoOp("set_initial_slip", "update_slip")
         self.wall_loads = NoOp("evaluate", read=lambda _count: {})
         if problem.wall_loads:
             first = len(walls.surfaces) - len(scene.walls)  # the axis of rings comes before the walls of the scene
-            measured = [first + k for k in scene.measured_walls.values()]
-            others = {"correction": self.correction, "wall_stress": self.wall_stress}
-            self.wall_loads = WallLoads(fluid, measured, **solved, **others)
+            self.wall_loads = self.term(WallLoads, measured=[first + k for k in scene.measured_walls.values()])
         self.momentum_drift = NoOp("restore")
         if drifts:
             turns = not (scene.walls or scene.jolts or any(scene.periodic or ()))
-            self.momentum_drift = MomentumDrift(fluid, constants, self.shifting, directions, turns)
-        self.motion = Motion(fluid, constants=constants, shifting=self.shifting)
+            self.momentum_drift = self.term(MomentumDrift, directions=directions, turns=turns)
+        self.motion = self.term(Motion)
         self.active_set = AllActive(fluid.neighbors)
-        if may_stand_still:
+        if may_stand(problem, fluid.particles, walls) and not drifts:
             ahead = FULL_STEP_INTERVAL * self.numerics.courant_number * scene.spacing
-            standstill = Standstill(fluid, constants, self.stress, self.pressure, problem, ahead)
-            self.active_set = ActiveSet(fluid.neighbors, standstill)
+            self.active_set = ActiveSet(fluid.neighbors, self.term(Standstill, problem=problem, ahead=ahead))
         # friction is found together with the stress
         self.viscous_iterations = 0 if walls.have_friction else VISCOUS_ITERATIONS
         self.first = True  # whether the next step is the first one, or that of a jolt
         self.rows = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, fluid.particles.capacity)
         self.diagnostics = Diagnostics(
-            fluid, constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations, self.residuals
+            fluid, self.constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations, self.residuals
         )
+
+    def term(self, kind, **numbers):
+        """Make a term of a kind from what its constructor names: the ``numbers``, the fluid, the constants, and the
+        terms made before it."""
+        known = vars(self) | numbers
+        return kind(**{name: known[name] for name in inspect.signature(kind).parameters})
 
     def step(self, dt: float, is_read: bool = False):
         """Take a step of dt [s], whose result is read or not (``is_read``)."""

@@ -35,7 +35,7 @@ class Interface(Term):
         )
 
     @ti.func
-    def bond_share(self, k, n, v):
+    def bond_fraction(self, k, n, v):
         """Share of half of the bond of pair k in the gradient along n; v = B n."""
         b = self.gradient.b[k]
         return 0.5 * v.dot(b) * n.dot(b) / self.gradient.weight_r2[k]
@@ -52,7 +52,7 @@ class Interface(Term):
             v, fraction = self.gradient.B[i] @ n, ti.cast(0.0, float)
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 if self.other(i, k):
-                    fraction += self.bond_share(k, n, v)
+                    fraction += self.bond_fraction(k, n, v)
             self.normal[i] = n
             self.other_fraction[i] = ti.max(0.0, ti.min(1.0, fraction))
 
@@ -66,7 +66,7 @@ class Interface(Term):
                 v = self.gradient.B[i] @ n
                 for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                     if self.other(i, k):
-                        total += self.bond_share(k, n, v) * fluidity[self.neighbors.column[k]]
+                        total += self.bond_fraction(k, n, v) * fluidity[self.neighbors.column[k]]
             self.other_fluidity[i] = ti.max(0.0, total)
 
     @ti.func

@@ -29,8 +29,8 @@ BLOCK = 64  # particles whose sums over pairs are stored before they are used (p
 class MomentumOperator(Term):
     """The matrix, for the conjugate gradients: one row of d velocity components per particle, walls masked.
 
-    The loops over blocks count particles, for Taichi gives a thread 512 turns of a loop or more: 512 blocks would stay
-    in one thread.
+    The loops over blocks count particles, for Taichi gives a thread 512 iterations of a loop or more: 512 blocks would
+    stay in one thread.
     """
 
     def __init__(self, fluid, sums, constants, stress, resistance):
@@ -186,10 +186,18 @@ class MomentumOperator(Term):
 class MomentumSource(Term):
     """The right-hand side of the system: inertia, gravity, pressure, the known part of the stress, and walls."""
 
-    def __init__(self, operator, pressure, constraint, correction, wall_stress):
-        super().__init__(operator, sums=operator.sums, constants=operator.constants, stress=operator.stress)
-        self.operator, self.pressure, self.constraint = operator, pressure, constraint
-        self.correction, self.wall_stress = correction, wall_stress
+    def __init__(self, fluid, sums, constants, stress, operator, pressure, constraint, correction, wall_stress):
+        super().__init__(
+            fluid,
+            operator=operator,
+            sums=sums,
+            constants=constants,
+            stress=stress,
+            pressure=pressure,
+            constraint=constraint,
+            correction=correction,
+            wall_stress=wall_stress,
+        )
         walls_act = self.walls.moving or self.walls.have_friction
         self.subtract_wall_motion = operator.subtract_wall_motion if walls_act else no_op
 

@@ -39,7 +39,7 @@ class MomentumDrift(Term):
         self.directions = ti.types.matrix(d, d, ti.f64)(directions)
         self.excess = ti.Vector.field(d, real(), ())  # velocity that all particles have too much [m/s]
         self.centre = ti.Vector.field(3, ti.f64, ())  # of mass [m]
-        self.excess_turn = ti.Vector.field(3, ti.f64, ())  # angular velocity that they have too much [rad/s]
+        self.excess_rotation = ti.Vector.field(3, ti.f64, ())  # angular velocity that they have too much [rad/s]
 
     def restore(self, dt, u) -> None:
         """Take the excess out of the velocity u [m/s] of the end of a step of dt [s]."""
@@ -97,8 +97,8 @@ class MomentumDrift(Term):
                 gain -= m * y.cross(self.in_space(self.particles.u[i]))
                 inertia += m * (y.dot(y) * I - y.outer_product(y))
             self.centre[None] = centre
-            self.excess_turn[None] = (inertia + 1e-9 * inertia.trace() * I).inverse() @ gain
+            self.excess_rotation[None] = (inertia + 1e-9 * inertia.trace() * I).inverse() @ gain
         for i in range(self.particles.count[None]):
-            v = self.excess_turn[None].cross(self.in_space(self.particles.x[i]) - self.centre[None])
+            v = self.excess_rotation[None].cross(self.in_space(self.particles.x[i]) - self.centre[None])
             for a in ti.static(range(self.dimension)):
                 u[i][a] -= ti.cast(v[a], float)

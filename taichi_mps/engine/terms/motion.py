@@ -10,6 +10,9 @@ from .constants import Term
 class Motion(Term):
     """Drift of the fluid particles, kept in front of the walls."""
 
+    def __init__(self, fluid, constants, shifting):
+        super().__init__(fluid, constants=constants, shifting=shifting)
+
     @stage("drift")
     def drift(self, dt: float):
         """x <- x + dt u/2, before the neighbours are found: forces act at the middle of the step, so a body in rotation

@@ -149,8 +149,15 @@ class VolumeConstraint(Term):
     """Wanted divergence of every particle; ``pours``: whether inlets bring material, which may land loose."""
 
     def __init__(self, fluid, constants, strain_rate, pressure, shifting, stress, pours):
-        super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, shifting=shifting)
-        self.stress, self.pours = stress, pours
+        super().__init__(
+            fluid,
+            constants=constants,
+            strain_rate=strain_rate,
+            pressure=pressure,
+            shifting=shifting,
+            stress=stress,
+            pours=pours,
+        )
         self.spacing = fluid.gradient.spacing
         self.correction_rate = RING_CORRECTION_RATE if self.particles.axisymmetric else CORRECTION_RATE
         self.divergence = ti.field(real(), self.capacity)  # s [1/s]

@@ -68,12 +68,12 @@ def illinois(excess: ti.template(), law: ti.template(), i, numbers, high, below)
     """Rate [1/s] at which excess(law, i, rate, numbers), which is ``below`` 0 at rest and grows with the rate, is zero:
     a root between 0 and ``high``, by the Illinois method."""
     low, rate, above, last_side = ti.cast(0.0, float), high, ti.cast(0.0, float), 0
-    for turn in range(31):
-        if turn == 0 or (ti.abs(high - low) > 1e-6 * high and above > below):
-            if turn > 0:
+    for iteration in range(31):
+        if iteration == 0 or (ti.abs(high - low) > 1e-6 * high and above > below):
+            if iteration > 0:
                 rate = (low * above - high * below) / (above - below)
             value = excess(law, i, rate, numbers)
-            if turn == 0:
+            if iteration == 0:
                 above = value
             elif value > 0.0:
                 high, above = rate, value
@@ -125,7 +125,7 @@ def parts_in_series(law: ti.template(), i, rate, numbers):
 
 @ti.func
 def series_excess(law: ti.template(), i, rate, numbers):
-    """tau(rate) - |T| [Pa]; ``numbers``: trial stress along the interface and across it, mu_r, share and fluidity of
+    """tau(rate) - |T| [Pa]; ``numbers``: trial stress along the interface and across it, mu_r, fraction and fluidity of
     the other mixes."""
     tau, along, across = parts_in_series(law, i, rate, numbers)
     return tau - ti.sqrt((numbers[0] / along) ** 2 + (numbers[1] / across) ** 2)

@@ -86,8 +86,15 @@ class Stress(Term):
     """Stress of every particle from the velocity, and its viscosities; its law is that of the problem."""
 
     def __init__(self, fluid, constants, interface, strain_rate, solved_rate, pressure, problem):
-        super().__init__(fluid, constants=constants, interface=interface, pressure=pressure)
-        self.strain_rate, self.solved_rate = strain_rate, solved_rate  # at the start of the step, of the new velocity
+        # strain_rate: at the start of the step; solved_rate: of the new velocity
+        super().__init__(
+            fluid,
+            constants=constants,
+            interface=interface,
+            pressure=pressure,
+            strain_rate=strain_rate,
+            solved_rate=solved_rate,
+        )
         self.law, self.mixes, self.tensors = problem.law, len(problem.materials), self.particles.tensor_dimension
         materials = list(enumerate(problem.materials))
         self.has_friction = any(material.friction_coefficient > 0.0 for _, material in materials)
@@ -276,5 +283,5 @@ class Stress(Term):
                 G = self.gradient.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
                 W = 0.25 * dt * (G - G.transpose())
                 I = ti.Matrix.identity(float, self.tensors)  # noqa: E741
-                turn = (I - W).inverse() @ (I + W)
-                self.particles.stress[i] = turn @ self.particles.stress[i] @ turn.transpose()
+                rotation = (I - W).inverse() @ (I + W)
+                self.particles.stress[i] = rotation @ self.particles.stress[i] @ rotation.transpose()

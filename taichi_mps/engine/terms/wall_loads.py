@@ -22,8 +22,12 @@ from .constants import Term
 
 @ti.data_oriented
 class WallFriction(Term):
-    """Friction of the walls (boundaries/friction.py): the slip at the start of a step and after each iteration. Reads
-    constants, pressure, stress, resistance and solved_rate."""
+    """Friction of the walls (boundaries/friction.py): the slip at the start of a step and after each iteration."""
+
+    def __init__(self, fluid, constants, pressure, stress, resistance, solved_rate):
+        super().__init__(
+            fluid, constants=constants, pressure=pressure, stress=stress, resistance=resistance, solved_rate=solved_rate
+        )
 
     def set_initial_slip(self, dt):
         """Set penalty and slip at the start of a step of dt [s]."""
@@ -59,11 +63,19 @@ class WallFriction(Term):
 @ti.data_oriented
 class WallLoads(Term):
     """Contribution of every particle to the loads of the walls ``measured``: force [N], and torque about the wall's
-    point [N m]. ``up_to_date``: whether they belong to the present state of the particles. Reads constants, pressure,
-    stress, resistance, solved_rate, correction and wall_stress."""
+    point [N m]. ``up_to_date``: whether they belong to the present state of the particles."""
 
-    def __init__(self, fluid, measured, **others):
-        super().__init__(fluid, **others)
+    def __init__(self, fluid, measured, constants, pressure, stress, resistance, solved_rate, correction, wall_stress):
+        super().__init__(
+            fluid,
+            constants=constants,
+            pressure=pressure,
+            stress=stress,
+            resistance=resistance,
+            solved_rate=solved_rate,
+            correction=correction,
+            wall_stress=wall_stress,
+        )
         self.numbers, self.up_to_date = measured, False
         d, capacity, axes = self.dimension, self.capacity, 1 if self.dimension == 2 else 3
         self.forces = [ti.Vector.field(d, real(), capacity) for _ in measured]  # [N]
@@ -103,15 +115,15 @@ class WallLoads(Term):
                     force += volume * self.walls.hydrostatic(i, x, weight, self.gradient.B[i], size, f)
                     force += volume * self.wall_stress.force(i, f) + self.correction.force_of_walls(i, f)
                     arm = ti.cast(wall.arm(x), float) - z * n
-                    turn = self.axial_vector(arm.outer_product(-force))  # arm x force
+                    moment = self.axial_vector(arm.outer_product(-force))  # arm x force
                     if ti.static(not wall.slip):
                         t, couple = self.walls.tangential(i, wall, f, x, z, curvature, size), flux
                         if ti.static(wall.rotates):
                             couple += h * ti.cast(wall.spin, float)
-                        turn += t * self.axial_vector(couple - (couple @ n).outer_product(n))
+                        moment += t * self.axial_vector(couple - (couple @ n).outer_product(n))
                     for k in ti.static(self.of_face(f)):
                         self.forces[k][i] -= force
-                        self.torques[k][i] += turn
+                        self.torques[k][i] += moment
 
     def of_face(self, f) -> list:
         """Index of this face's wall among the walls that are measured, as a list of none or one."""

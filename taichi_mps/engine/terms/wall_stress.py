@@ -133,15 +133,15 @@ class WallStress(Term):
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 j = self.neighbors.column[k]
                 N += (self.stress.shear_stress_magnitude(j, self.stress.mu[j]) - size) * self.gradient.b[k]
-            reach, fit = self.gradient.spacing, self.gradient.B[i]
+            spacing, fit = self.gradient.spacing, self.gradient.B[i]
             if self.touches_wall(i):
                 fit = self.inverse_moment[i]
             slope = fit @ N
             for f, wall in ti.static(self.walls.select_faces(None, "no_slip")):
                 if self.walls.c[i, f] > 0.0:
                     z, n, _velocity, _curvature = wall.face(i, self.particles.x[i], self.walls.slots[f])
-                    slope -= n * n.dot(slope) * (1.0 - ti.min(1.0, z / reach))
-            variation = reach * slope.norm()
+                    slope -= n * n.dot(slope) * (1.0 - ti.min(1.0, z / spacing))
+            variation = spacing * slope.norm()
         return variation
 
     @ti.func
