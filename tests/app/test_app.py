@@ -11,9 +11,12 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
 
 import taichi_mps as mps
 from taichi_mps.app.resident import RESTARTED, Resident
+from taichi_mps.app.server import NO_TOKEN, OnlyHere
 from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.forecast import accuracy
 from taichi_mps.input import catalogue
@@ -436,6 +439,75 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
 
         discloses_nothing_of_others()
         answers_any_question()
+
+
+TOKEN = "kept.by~its_owner-1"
+
+
+def test_without_the_token_nothing_is_read_or_changed(tmp_path):
+    """Whoever lacks the token of the address gets one line: for the page, its code, a file and a report of a run, each
+    question and the preview; and a run stays where it is. The token gives a cookie, and with that all is there."""
+    recorded(tmp_path / "run", 1, "time")
+    asked = [("/ask/delete", '{"names": ["run"]}'), ("/ask/preview", "{}"), ("/ask/list", "{}"), ("/ask/serve", "{}")]
+    asked += [(path, None) for path in ("/", "/static/page.js", "/runs/run/summary.json", "/report/run", "/docs")]
+    with serving(tmp_path, TOKEN) as (port, _):
+        name = f"taichi_mps_{port}"
+        for cookie in ("", f"{name}=", f"{name}={TOKEN}1", f"{name}=\xff", f"another={TOKEN}"):
+            for path, body in [*asked, ("/?token=", None), ("/?token=%FF", None), (f"/?token={TOKEN}1", None)]:
+                got = answer(port, path, body, **JSON, Cookie=cookie)
+                assert (got.status, got.read()) == (403, NO_TOKEN.encode()), (path, cookie)
+        assert (tmp_path / "run" / "summary.json").is_file()
+        assert answer(port, f"/?token={TOKEN}", Host="evil.example").status == 403
+        got = answer(port, f"/?token={TOKEN}")
+        assert (got.status, got.headers["Location"], got.read()) == (303, "/", b"")
+        kept, *settings = got.headers["Set-Cookie"].split("; ")
+        assert kept == f"{name}={TOKEN}" and set(settings) == {"HttpOnly", "Path=/", "SameSite=strict"}
+        own = JSON | {"Cookie": kept}
+        assert [answer(port, path, body, **own).status for path, body in asked[2:]] == [
+            200,
+            404,
+            200,
+            200,
+            200,
+            404,
+            404,
+        ]
+        assert answer(port, *asked[0], **own, Origin="http://evil.example").status == 403
+        assert answer(port, *asked[0], **own).status == 200 and not (tmp_path / "run").exists()
+
+
+def test_what_starts_the_browser_is_good_once():
+    """The list of processes shows with which address a browser was started: a second one is refused with it."""
+
+    async def home(request):
+        return PlainTextResponse("home")
+
+    only, found = OnlyHere(None, 80, TOKEN, "once"), []
+    for query in ("token=once", "token=once", "", f"token={TOKEN}"):
+        scope = {"type": "http", "method": "GET", "path": "/", "query_string": query.encode()}
+        request = Request(scope | {"headers": [(b"host", b"127.0.0.1:80")]})
+        found.append(asyncio.run(only.dispatch(request, home)).status_code)
+    assert found == [303, 403, 403, 303]
+
+
+@pytest.mark.parametrize("token", ["a b", "a;b", "ä", "a\n", "?"])
+def test_a_token_that_no_address_holds_is_refused(token, capsys):
+    assert mps.main(["app", "--token", token]) == 2
+    assert capsys.readouterr().err.endswith(": must be of letters, digits and . _ ~ -, as an address holds them\n")
+
+
+@needs_chromium
+def test_the_address_with_the_token_opens_the_page_for_this_browser_alone(tmp_path):
+    recorded(tmp_path / "run", 1, "time")
+    with serving(tmp_path, TOKEN) as (port, _), chromium() as browser:
+        tab = Tab(browser, port, f"?token={TOKEN}#slump?yield_value=900")
+        assert "cm" in tab.result()["slump_m"]
+        assert TOKEN not in tab.page.url and tab.field("yield_value").input_value() == "900"
+        tab.page.goto(f"http://127.0.0.1:{port}/#runs")
+        tab.page.locator(".row").wait_for()
+        assert tab.wrong == []
+        other = Tab(browser, port, "#runs")
+        assert other.page.locator("body").inner_text().strip() == NO_TOKEN and other.wrong
 
 
 def test_its_end_is_silent_about_a_preview_under_way(tmp_path):
