@@ -30,6 +30,9 @@ from tests.support.served import serving
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc of Linux")
 
 
+TOKEN = "kept.by~its_owner-1"
+
+
 class Tab:
     """A page in a window of its own, with what goes wrong in it."""
 
@@ -124,8 +127,11 @@ def test_sliders_preview_a_mix_and_its_address_brings_it_back(tmp_path):
 
 @needs_chromium
 def test_two_tabs_run_watch_stop_and_compare(tmp_path):
-    with serving(tmp_path) as (port, server), chromium() as browser:
-        one, two = Tab(browser, port), Tab(browser, port, "#slump?yield_value=900&spacing=0.02", width=390)
+    """Each a browser of its own, which has the token from its address."""
+    with serving(tmp_path, TOKEN) as (port, server), chromium() as browser:
+        one = Tab(browser, port, f"?token={TOKEN}")
+        two = Tab(browser, port, f"?token={TOKEN}#slump?yield_value=900&spacing=0.02", width=390)
+        assert TOKEN not in one.page.url + two.page.url
         one.set(yield_value="500 ")
         one.page.locator("#more").evaluate("details => { details.open = true }")
         one.set(spacing="20 mm")
@@ -441,9 +447,6 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
         answers_any_question()
 
 
-TOKEN = "kept.by~its_owner-1"
-
-
 def test_without_the_token_nothing_is_read_or_changed(tmp_path):
     """Whoever lacks the token of the address gets one line: for the page, its code, a file and a report of a run, each
     question and the preview; and a run stays where it is. The token gives a cookie, and with that all is there."""
@@ -494,20 +497,6 @@ def test_what_starts_the_browser_is_good_once():
 def test_a_token_that_no_address_holds_is_refused(token, capsys):
     assert mps.main(["app", "--token", token]) == 2
     assert capsys.readouterr().err.endswith(": must be of letters, digits and . _ ~ -, as an address holds them\n")
-
-
-@needs_chromium
-def test_the_address_with_the_token_opens_the_page_for_this_browser_alone(tmp_path):
-    recorded(tmp_path / "run", 1, "time")
-    with serving(tmp_path, TOKEN) as (port, _), chromium() as browser:
-        tab = Tab(browser, port, f"?token={TOKEN}#slump?yield_value=900")
-        assert "cm" in tab.result()["slump_m"]
-        assert TOKEN not in tab.page.url and tab.field("yield_value").input_value() == "900"
-        tab.page.goto(f"http://127.0.0.1:{port}/#runs")
-        tab.page.locator(".row").wait_for()
-        assert tab.wrong == []
-        other = Tab(browser, port, "#runs")
-        assert other.page.locator("body").inner_text().strip() == NO_TOKEN and other.wrong
 
 
 def test_its_end_is_silent_about_a_preview_under_way(tmp_path):

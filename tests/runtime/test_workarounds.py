@@ -1,7 +1,11 @@
 """Workarounds for wrong, slow or verbose parts of the kernel language; the speed patch changes no bit."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import tomlkit
+from packaging.requirements import Requirement
 
 from taichi_mps.engine.runtime import backend, workarounds
 from taichi_mps.engine.runtime.backend import ti
@@ -145,3 +149,25 @@ def test_taichi_is_the_language_where_it_is_installed_else_quadrants(monkeypatch
             workarounds.chosen_language()
     else:
         assert workarounds.chosen_language() == chosen
+
+
+PROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
+
+
+@pytest.mark.parametrize("python", ["3.10", "3.13", "3.14"])
+@pytest.mark.parametrize(
+    ("system", "machine", "taichi"),
+    [
+        ("linux", "x86_64", True),
+        ("darwin", "arm64", True),
+        ("win32", "AMD64", True),
+        ("linux", "aarch64", False),
+        ("darwin", "x86_64", False),
+    ],
+)
+def test_an_installation_takes_the_language_that_has_a_wheel(python, system, machine, taichi):
+    """One of the two, as benchmarks/wheels.py finds them; for an Intel Mac pip finds neither."""
+    needs = map(Requirement, tomlkit.parse(PROJECT.read_text(encoding="utf-8"))["project"]["dependencies"])
+    known = {"python_version": python, "sys_platform": system, "platform_machine": machine}
+    found = [need.name for need in needs if need.name in workarounds.LANGUAGES and need.marker.evaluate(known)]
+    assert found == ["taichi" if taichi and python < "3.14" else "quadrants"]
