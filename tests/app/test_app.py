@@ -7,6 +7,7 @@ import os
 import re
 import signal
 from pathlib import Path
+from unittest.mock import AsyncMock
 
 import pytest
 from hypothesis import given, settings
@@ -451,8 +452,12 @@ def test_without_the_token_nothing_is_read_or_changed(tmp_path):
     """Whoever lacks the token of the address gets one line: for the page, its code, a file and a report of a run, each
     question and the preview; and a run stays where it is. The token gives a cookie, and with that all is there."""
     recorded(tmp_path / "run", 1, "time")
-    asked = [("/ask/delete", '{"names": ["run"]}'), ("/ask/preview", "{}"), ("/ask/list", "{}"), ("/ask/serve", "{}")]
-    asked += [(path, None) for path in ("/", "/static/page.js", "/runs/run/summary.json", "/report/run", "/docs")]
+    asked = [
+        ("/ask/delete", '{"names": ["run"]}'),
+        ("/ask/preview", "{}"),
+        ("/ask/list", "{}"),
+        ("/ask/serve", "{}"),
+    ] + [(path, None) for path in ("/", "/static/page.js", "/runs/run/summary.json", "/report/run", "/docs")]
     with serving(tmp_path, TOKEN) as (port, _):
         name = f"taichi_mps_{port}"
         for cookie in ("", f"{name}=", f"{name}={TOKEN}1", f"{name}=\xff", f"another={TOKEN}"):
@@ -482,21 +487,10 @@ def test_without_the_token_nothing_is_read_or_changed(tmp_path):
 def test_what_starts_the_browser_is_good_once():
     """The list of processes shows with which address a browser was started: a second one is refused with it."""
 
-    async def home(request):
-        return PlainTextResponse("home")
-
-    only, found = OnlyHere(None, 80, TOKEN, "once"), []
-    for query in ("token=once", "token=once", "", f"token={TOKEN}"):
-        scope = {"type": "http", "method": "GET", "path": "/", "query_string": query.encode()}
-        request = Request(scope | {"headers": [(b"host", b"127.0.0.1:80")]})
-        found.append(asyncio.run(only.dispatch(request, home)).status_code)
-    assert found == [303, 403, 403, 303]
-
-
-@pytest.mark.parametrize("token", ["a b", "a;b", "ä", "a\n", "?"])
-def test_a_token_that_no_address_holds_is_refused(token, capsys):
-    assert mps.main(["app", "--token", token]) == 2
-    assert capsys.readouterr().err.endswith(": must be of letters, digits and . _ ~ -, as an address holds them\n")
+    only, home = OnlyHere(None, 80, TOKEN, "once"), AsyncMock(return_value=PlainTextResponse("home"))
+    head = {"type": "http", "method": "GET", "path": "/", "headers": [(b"host", b"127.0.0.1:80")]}
+    asked = [Request(head | {"query_string": b"token=" + word}) for word in (b"once", b"once", b"", TOKEN.encode())]
+    assert [asyncio.run(only.dispatch(request, home)).status_code for request in asked] == [303, 403, 403, 303]
 
 
 def test_its_end_is_silent_about_a_preview_under_way(tmp_path):

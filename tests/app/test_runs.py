@@ -1,6 +1,5 @@
 """Run folders and calibrations on the page, tested without a browser."""
 
-import asyncio
 import os
 import re
 import signal
@@ -134,26 +133,6 @@ def test_what_is_wrong_is_told_by_its_key():
 BREAK, CTRL_BREAK, NEW_GROUP = 21, 1, 0x200  # its SIGBREAK, CTRL_BREAK_EVENT and CREATE_NEW_PROCESS_GROUP
 
 
-class WindowsProcess:
-    """A process as asyncio makes it on Windows, which refuses to send it other signals, and ends by SIGBREAK."""
-
-    returncode = None
-
-    async def begin(self, *words, creationflags, **settings):
-        self.group, self.ended = creationflags, asyncio.Event()
-        return self
-
-    def send_signal(self, number):
-        if number not in (CTRL_BREAK, signal.SIGTERM):
-            raise ValueError(f"Unsupported signal: {number}")
-        self.returncode = 128 + BREAK if number == CTRL_BREAK else number
-        self.ended.set()
-
-    async def communicate(self):
-        await self.ended.wait()
-        return b"", b""
-
-
 def anew(name):
     """A module made anew, beside the one that all others have."""
     module = module_from_spec(find_spec(f"taichi_mps.{name}"))
@@ -168,17 +147,9 @@ def test_stop_reaches_a_run_on_windows(monkeypatch, tmp_path):
     monkeypatch.setattr(signal, "SIGBREAK", BREAK, raising=False)
     monkeypatch.setattr(signal, "CTRL_BREAK_EVENT", CTRL_BREAK, raising=False)
     monkeypatch.setattr(subprocess, "CREATE_NEW_PROCESS_GROUP", NEW_GROUP, raising=False)
-    stopped, jobs, process = anew("cli.stopped"), anew("app.jobs"), WindowsProcess()
-    monkeypatch.setattr(jobs, "OWN_SESSION", anew("app.resident").OWN_SESSION)
-    monkeypatch.setattr(asyncio, "create_subprocess_exec", process.begin)
-
-    async def course():
-        job = jobs.Queue(tmp_path).add(jobs.Job("film", ["run", "film"]))
-        while job.process is None:
-            await asyncio.sleep(0)
-        job.stop()
-        await job.task
-        return job.state, process.returncode, process.group
-
-    assert asyncio.run(course()) == ("stopped", 128 + BREAK, NEW_GROUP)
+    stopped, jobs, sent = anew("cli.stopped"), anew("app.jobs"), []
+    job = jobs.Job("film", ["run", "film"], state="running")
+    job.process = SimpleNamespace(returncode=None, send_signal=sent.append)
+    job.stop()
+    assert sent == [CTRL_BREAK] and anew("app.resident").OWN_SESSION["creationflags"] == NEW_GROUP
     assert stopped.SIGNALS == [signal.SIGINT, signal.SIGTERM, BREAK]
