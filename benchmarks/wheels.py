@@ -1,4 +1,4 @@
-"""For which systems and Pythons the kernel languages have wheels, asked of the package index: the table of
+"""For which systems and Pythons the kernel languages have wheels, asked of the package index: writes the table of
 docs/install.md.
 
 python benchmarks/wheels.py            # a minute; needs pip 22.2 and the network
@@ -8,6 +8,9 @@ import json
 import subprocess
 import sys
 import tempfile
+from datetime import date
+
+import points
 
 LANGUAGES = "taichi==1.7.4", "quadrants>=1.3.3,<2"
 PYTHONS = "3.10", "3.11", "3.12", "3.13", "3.14"
@@ -39,8 +42,7 @@ def wheel(package: str, tags: list[str], python: str) -> tuple[str, str] | None:
 
 
 def main() -> None:
-    names = [package.split("=")[0].rstrip(">") for package in LANGUAGES]
-    print(f"| system | {' | '.join(names)} | built for |\n|---|{'---|' * len(names)}---|")
+    rows = []
     for system, tags in SYSTEMS.items():
         cells, built = [], {}
         for package in LANGUAGES:
@@ -48,7 +50,9 @@ def main() -> None:
             versions = {version: [p for p in found if found[p][0] == version] for version, _ in found.values()}
             cells.append("; ".join(f"{v}: {pythons[0]} to {pythons[-1]}" for v, pythons in versions.items()) or "none")
             built |= dict.fromkeys(tag for _, tag in found.values())
-        print(f"| {system} | {' | '.join(cells)} | {', '.join(built) or '-'} |")
+        rows.append((system, *cells, ", ".join(built) or "-"))
+    head = "system", *(f"{package}, for Python" for package in LANGUAGES), "built for"
+    points.put("install.md", "wheels", f"{points.table(head, rows)}\n\n*Asked on {date.today()}.*")
 
 
 if __name__ == "__main__":
