@@ -23,9 +23,8 @@ def main(argv=None) -> int:
     Examples
     --------
     >>> import taichi_mps as mps
-    >>> mps.main(["--version"]) == 0
-    0.3.0.dev0
-    True
+    >>> mps.main(["scenery"])  # on stderr: unknown command 'scenery', did you mean 'scenes'?
+    2
     """
     from .app.command import app
     from .cli.main import main as answer

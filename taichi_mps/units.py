@@ -278,6 +278,18 @@ Ratio = real("-", gt=0.0, le=1.0)
 RadiusRatio = real("l0", ge=1.6, le=4.1)
 Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_number_in_disguise)]
 Flag = Annotated[bool, BeforeValidator(truth)]
+
+
+def no_metal(arch):
+    """Refuse Metal; other values are left to those that check them."""
+    if arch == "metal":
+        raise ValueError(
+            "must be cpu, cuda or vulkan; Metal has no 64-bit floats, which positions need: use cpu on a Mac"
+        )
+    return arch
+
+
+Arch = Annotated[Literal["cpu", "cuda", "vulkan"], BeforeValidator(no_metal)]
 Text = Annotated[str, Strict()]
 Source = Annotated[str, AfterValidator(absolute)]  # file that a run reads
 Place = Annotated[Path, AfterValidator(possible)]  # of a folder or a file

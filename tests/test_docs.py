@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import tomlkit
 
+import taichi_mps as mps
 from tests.support.child import child
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -278,6 +279,12 @@ def test_one_thing_has_one_word():
     scripts = [*PACKAGE.rglob("*.py"), *(ROOT / "scenes").glob("*.py")]
     for path in (*PAGES, *scripts):
         assert not other.findall(path.read_text(encoding="utf-8")), path
+
+
+def test_the_changelog_begins_with_the_version():
+    """A version that is released has its date, one in development its changes."""
+    first = "Unreleased$" if "dev" in mps.__version__ else rf"{re.escape(mps.__version__)} - \d{{4}}-\d\d-\d\d$"
+    assert re.match(first, re.split("^## ", (ROOT / "CHANGELOG.md").read_text("utf-8"), flags=re.M)[1].split("\n")[0])
 
 
 def test_a_version_in_the_changelog_is_short():

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import tomlkit
+from packaging.requirements import Requirement
 
 from taichi_mps import engine
 from tests.support.child import child
@@ -169,3 +170,22 @@ def test_import_is_instant(code, without, seconds):
         child("-c", f"import sys, time, taichi_mps as mps; {code}; {told}").stdout.split("\n")[-2].split("] ")
     )
     assert found == "[" and float(spent) < 3.0 * seconds
+
+
+@pytest.mark.parametrize("python", ["3.10", "3.13", "3.14"])
+@pytest.mark.parametrize(
+    ("system", "machine", "taichi"),
+    [
+        ("linux", "x86_64", True),
+        ("darwin", "arm64", True),
+        ("win32", "AMD64", True),
+        ("linux", "aarch64", False),
+        ("darwin", "x86_64", False),
+    ],
+)
+def test_an_installation_takes_the_language_that_has_a_wheel(python, system, machine, taichi):
+    """One of the two, as benchmarks/wheels.py finds them; for an Intel Mac pip finds neither."""
+    needs = map(Requirement, SETTINGS["project"]["dependencies"])
+    known = {"python_version": python, "sys_platform": system, "platform_machine": machine}
+    found = [need.name for need in needs if need.name in ("taichi", "quadrants") and need.marker.evaluate(known)]
+    assert found == ["taichi" if taichi and python < "3.14" else "quadrants"]

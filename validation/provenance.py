@@ -9,6 +9,7 @@ from pathlib import Path
 
 from taichi_mps import __version__
 from taichi_mps.engine.runtime import workarounds
+from taichi_mps.io.summary import commit
 
 ROOT = Path(__file__).resolve().parents[1]
 NUMERICS = "fingerprint"  # key of the hash: equal where the numerics are
@@ -19,9 +20,6 @@ def facts() -> dict:
     cpu = Path("/proc/cpuinfo")
     lines = cpu.read_text(encoding="utf-8").splitlines() if cpu.exists() else []
     models = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
-    inside = (ROOT / "benchmarks").is_dir()  # not the commit of another project around an environment
-    words = "git", "describe", "--always", "--dirty", "--exclude", "*"
-    commit = inside and subprocess.run(words, cwd=ROOT, capture_output=True, text=True).stdout.strip()
     return {
         "processor": models[0] if models else platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
@@ -30,7 +28,7 @@ def facts() -> dict:
         "python": platform.python_version(),
         "taichi": workarounds.VERSION,
         "taichi_mps": __version__,
-        "commit": commit or None,
+        "commit": commit(ROOT),
         "date": date.today().isoformat(),
     }
 

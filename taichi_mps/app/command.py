@@ -1,11 +1,12 @@
 """The command app of the command line."""
 
+import re
 from importlib.util import find_spec
 
 from pydantic import Field
 
 from ..cli.options import DONE, command, given
-from ..units import Checked, require
+from ..units import Checked, plain, require
 
 PORT = 8100
 
@@ -15,6 +16,7 @@ class App(Checked):
 
     port: int = Field(PORT, ge=0, le=65535, description="port of this machine, 0 for any that is free")
     folder: str = Field("renders", description="folder of the runs")
+    token: str | None = Field(None, description="what the address must hold, by default drawn anew; '' lets all in")
 
 
 @command(
@@ -25,9 +27,11 @@ class App(Checked):
 def app(arguments) -> int:
     """a page in the browser to set up, watch and compare runs"""
     options = App(**given(arguments, App))
+    known = re.fullmatch(r"[A-Za-z0-9._~-]*", options.token or "")
+    require(known, f"token = {plain(options.token)}: must be of letters, digits and . _ ~ -, as an address holds them")
     for name in ("starlette", "uvicorn"):
         require(find_spec(name), f"app needs {name}: pip install 'taichi-mps[app]'")
     from .server import serve
 
-    serve(options.port, options.folder, not arguments.no_browser)
+    serve(options.port, options.folder, not arguments.no_browser, options.token)
     return DONE

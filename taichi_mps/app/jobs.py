@@ -13,8 +13,10 @@ from dataclasses import dataclass, field
 
 from ..io.run_folder import RunFolder, next_free
 from ..units import user_path
+from .resident import OWN_SESSION
 
 SHUTDOWN_TIMEOUT = 30.0  # time for a run to end after Ctrl-C [s]
+INTERRUPT = getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT)  # Windows sends no SIGINT to a group of processes
 SIGNAL_CODES = 129, 130, 143  # exit codes of a command stopped from elsewhere
 MESSAGE_PREFIX = "taichi-mps: "  # beginning of messages of the program
 
@@ -51,7 +53,7 @@ class Job:
         if self.state == "waiting":
             self.state = "stopped"
         if not self.stopping:  # a second signal would end it at once
-            self.send(signal.SIGINT)
+            self.send(INTERRUPT)
         self.stopping = True
 
     def send(self, number) -> None:
@@ -85,19 +87,19 @@ class Queue:
             if job.scene:
                 job.folder = RunFolder(next_free(self.folder / job.scene))
                 words = [*words, f"--out={job.folder.path}"]
-            try:  # in a session of its own: Ctrl-C in the terminal of the server reaches it once, by the server
+            try:  # Ctrl-C in the terminal of the server reaches it once, by the server
                 job.process = await asyncio.create_subprocess_exec(
                     *(sys.executable, "-m", "taichi_mps", *words),
                     stdin=DEVNULL,
                     stdout=PIPE,
                     stderr=PIPE,
-                    start_new_session=True,
+                    **OWN_SESSION,
                 )
             except (OSError, ValueError) as error:  # no process more, no memory; a word that no program can get
                 job.state, job.message = "failed", str(error)
                 return
             if job.stopping:  # was asked for while the process was made
-                job.send(signal.SIGINT)
+                job.send(INTERRUPT)
             job.output, lines = (text.decode("utf-8", "replace").strip() for text in await job.process.communicate())
             job.message = "\n".join(
                 line[len(MESSAGE_PREFIX) :] for line in lines.splitlines() if line.startswith(MESSAGE_PREFIX)

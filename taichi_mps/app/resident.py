@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import queue
+import subprocess
 import sys
 import threading
 from asyncio.subprocess import DEVNULL, PIPE
@@ -13,6 +14,8 @@ from itertools import chain, count
 IDLE_TIMEOUT = 600.0  # time without a request after which the process ends [s]
 EXIT_TIMEOUT = 3.0  # time for the process to end by itself [s]
 MAX_LINE_BYTES = 2**24  # of an answer
+# of a child: Ctrl-C in the terminal of the server does not reach it. Windows has groups of processes for sessions
+OWN_SESSION = {"start_new_session": True, "creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
 RESTARTED = "The process of the previews had ended; it was started again."
 ENDS_EACH_TIME = "The process of the previews ends each time it is asked for this."
 
@@ -38,7 +41,7 @@ class Resident:
                         stdout=PIPE,
                         stderr=DEVNULL,
                         limit=MAX_LINE_BYTES,
-                        start_new_session=True,
+                        **OWN_SESSION,
                     )
                     self.unanswered = 0
                 self.unanswered += 1

@@ -5,6 +5,7 @@ import json
 import logging
 import os
 import re
+import secrets
 import signal
 import socket
 import webbrowser
@@ -18,7 +19,7 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware.base import BaseHTTPMiddleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, StreamingResponse
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
@@ -31,6 +32,7 @@ from .results import SAVED
 
 LOCALHOST = "127.0.0.1"
 REFUSED = "Only for this machine: type the address into the browser."
+NO_TOKEN = "The address lacks its token: taichi-mps app prints the whole of it where it was started."
 STATIC = Path(__file__).with_name("static")
 MAX_REQUEST_BYTES = 100_000  # of a query
 PICTURE = re.compile(rf"frames/{PICTURE_NAME.pattern}")
@@ -46,18 +48,39 @@ REPORT_POLICY = (
 )
 
 
+def same(given: str | None, token: str) -> bool:
+    """Whether what was given is the token, compared in a time that does not tell how much of it is right."""
+    return bool(token and given) and secrets.compare_digest(given.encode(), token.encode())
+
+
 class OnlyHere(BaseHTTPMiddleware):
     """Middleware that refuses requests of foreign pages through a browser on this machine: by a name of another host
-    (DNS rebinding), from another origin, for a picture or a script in a foreign page, and the page in a frame."""
+    (DNS rebinding), from another origin, for a picture or a script in a foreign page, and the page in a frame; and all
+    requests, by whatever program of this machine, without the token. A browser has it from the address that it opened
+    first, and then in a cookie. ``once``: another that is good once, since the list of processes shows to everybody
+    with which address a browser was started. An empty token lets all in."""
 
-    def __init__(self, app, port: int):
+    def __init__(self, app, port: int, token: str, once: str):
         super().__init__(app)
         self.hosts = {f"{LOCALHOST}:{port}", f"localhost:{port}"}
         self.origins = {f"http://{host}" for host in self.hosts}
+        self.token, self.once = token, once
+        self.cookie = f"taichi_mps_{port}"  # a browser sends its cookies to all ports of a machine
 
     async def dispatch(self, request: Request, call_next):
         """Answer allowed requests, with headers that forbid frames, and others by 403."""
-        answer = await call_next(request) if self.allows(request) else PlainTextResponse(REFUSED, 403)
+        given, allowed = request.query_params.get("token"), self.allows(request)
+        if allowed and (first := same(given, self.once)):
+            self.once = ""
+        if not allowed:
+            answer = PlainTextResponse(REFUSED, 403)
+        elif first or same(given, self.token):
+            answer = RedirectResponse("/", 303)  # the token stays neither in the address nor in what links to others
+            answer.set_cookie(self.cookie, self.token, httponly=True, samesite="strict")
+        elif not self.token or same(request.cookies.get(self.cookie), self.token):
+            answer = await call_next(request)
+        else:
+            answer = PlainTextResponse(NO_TOKEN, 403)
         answer.headers.setdefault("Content-Security-Policy", PAGE_POLICY)
         answer.headers.update(COMMON_HEADERS)
         return answer
@@ -145,8 +168,10 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def serve(port: int, folder, browser: bool) -> None:
-    """Serve the page of the runs in ``folder`` on 127.0.0.1 until a signal; port 0 stands for any free port."""
+def serve(port: int, folder, browser: bool, token: str | None = None) -> None:
+    """Serve the page of the runs in ``folder`` on 127.0.0.1 until a signal; port 0 stands for any free port, no
+    ``token`` for one drawn anew."""
+    token, once = secrets.token_urlsafe() if token is None else token, secrets.token_urlsafe()
     try:
         listener = socket.create_server((LOCALHOST, port))
     except OSError as error:
@@ -154,7 +179,7 @@ def serve(port: int, folder, browser: bool) -> None:
             f"port = {port}: cannot be used ({os.strerror(error.errno)}); choose another, or 0 for any"
         ) from None
     port = listener.getsockname()[1]
-    address = f"http://{LOCALHOST}:{port}/"
+    address, opened = (f"http://{LOCALHOST}:{port}/{f'?token={word}' if token else ''}" for word in (token, once))
     queue = Queue(folder)
     page = Page(queue)
     processes = page.preview_process, page.forecast_process
@@ -162,14 +187,14 @@ def serve(port: int, folder, browser: bool) -> None:
     @asynccontextmanager
     async def life(app):
         if browser:
-            asyncio.get_running_loop().run_in_executor(None, webbrowser.open, address)
+            asyncio.get_running_loop().run_in_executor(None, webbrowser.open, opened)
         yield
         await asyncio.gather(queue.close(), *(process.close() for process in processes))
 
     print(f"{address} shows the runs in {queue.folder}; Ctrl-C ends it", flush=True)
     if hasattr(signal, "SIGHUP"):  # its terminal was closed
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
-    app = OnlyHere(Starlette(routes=routes(page), lifespan=life), port)
+    app = OnlyHere(Starlette(routes=routes(page), lifespan=life), port, token, once)
     settings = uvicorn.Config(app, log_level="warning", lifespan="on", timeout_graceful_shutdown=1, ws="none")
     try:
         Server(settings).run(sockets=[listener])

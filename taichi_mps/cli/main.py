@@ -18,6 +18,7 @@ from ..engine import NUMERICS, Implicit, Problem
 from ..input import catalogue
 from ..io import checkpoint, lock
 from ..io.run_folder import RunFolder, next_free
+from ..io.summary import commit
 from ..io.vtkhdf import Trajectory
 from ..units import INSTANT, SceneError, plain, quote, require, suggestion, user_path
 from .case_file import NOT_IN_CASE, case_text, expand_case_file
@@ -265,6 +266,7 @@ def info(arguments) -> int:
     else:
         facts = {
             "version": __version__,
+            **({"commit": commit()} if commit() else {}),
             "python": platform.python_version(),
             "platform": platform.platform(),
             "cpus": os.cpu_count(),

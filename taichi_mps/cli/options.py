@@ -16,6 +16,7 @@ from ..input import catalogue
 from ..input.labels import keyword_description, option_name
 from ..io.run_folder import strict
 from ..units import (
+    Arch,
     Checked,
     Count,
     Duration,
@@ -127,7 +128,7 @@ Caption = Annotated[str, AfterValidator(plain)]
 class Run(Pictures):
     """Options of run; a checkpoint keeps them for resume."""
 
-    arch: Literal["cpu", "cuda", "vulkan"] = Field("cpu", description="where to compute")
+    arch: Arch = Field("cpu", description="where to compute")
     threads: Count | None = Field(None, description="processor cores to use, all of them by default")
     scheme: Literal["implicit", "semi-implicit"] = Field("implicit", description="numerical scheme")
     precision: Literal["f32", "f64"] = Field("f32", description="of the solver's numbers")

@@ -8,13 +8,14 @@ import time
 from contextlib import suppress
 
 HANG_UP = getattr(signal, "SIGHUP", None)  # of a terminal that is closed; Windows has none
-SIGNALS = signal.SIGINT, signal.SIGTERM, *([HANG_UP] if HANG_UP is not None else [])
+BREAK = getattr(signal, "SIGBREAK", None)  # Ctrl-Break, which Windows alone has, and by which its page stops a run
+SIGNALS = [number for number in (signal.SIGINT, signal.SIGTERM, HANG_UP, BREAK) if number is not None]
 program_start: list[float] = []  # start of the program, if this process is it, by time.monotonic [s]
 received: list[int] = []  # signals received before a run handled them itself
 
 
 class Stopped(KeyboardInterrupt):
-    """Exception for Ctrl-C (SIGINT), SIGTERM or SIGHUP, with the ``number`` of the signal."""
+    """Exception for Ctrl-C (SIGINT), Ctrl-Break, SIGTERM or SIGHUP, with the ``number`` of the signal."""
 
     def __init__(self, number: int):
         super().__init__(number)

@@ -1,12 +1,28 @@
 """Summary of a run, as in summary.json: what it tells about itself, the errors to be expected, and all of it in
 words."""
 
+import subprocess
+from contextlib import suppress
+from functools import cache
 from html import escape
+from pathlib import Path
 
 from .. import __version__
 from ..forecast import accuracy
 from ..input.labels import in_words, is_measure, mix_in_words, title, written
 from ..units import quote
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+GIT = "git", "--no-optional-locks", "describe", "--always", "--dirty", "--exclude", "*"
+
+
+@cache
+def commit(root: Path = CHECKOUT) -> str | None:
+    """Commit of a checkout, by default that of this package, with -dirty where files differ; None if it is none."""
+    with suppress(OSError):  # there is no git
+        if (root / ".git").exists():
+            return subprocess.run(GIT, cwd=root, capture_output=True, text=True).stdout.strip() or None
+    return None
 
 
 class Summary(dict):
@@ -37,7 +53,7 @@ def entry(key: str, value) -> tuple[str, str]:
 
 def summary(sim) -> Summary:
     """Everything that describes the run, JSON-ready."""
-    facts = sim.facts() | {"version": __version__}
+    facts = sim.facts() | {"version": __version__} | ({"commit": commit()} if commit() else {})
     found = accuracy.errors_of_run(facts) if "slump_m" in facts else None
     if found:
         _, height, error = found  # None beyond the measured ones

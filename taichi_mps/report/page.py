@@ -192,5 +192,6 @@ def accuracy_section(summary: dict) -> str:
 
 def versions(run) -> str:
     """Sentences on the versions that computed the run and made the page."""
-    computed = "Computed by taichi_mps {version} ({backend[arch]}, {backend[precision]}). "
-    return f"{computed.format(**run.summary) if run.ended else ''}Page made by taichi_mps {__version__}."
+    computed = "Computed by taichi_mps {version}{of} ({backend[arch]}, {backend[precision]}). "
+    of = f", commit {run.summary['commit']}" if "commit" in run.summary else ""
+    return f"{computed.format(of=of, **run.summary) if run.ended else ''}Page made by taichi_mps {__version__}."

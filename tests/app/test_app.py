@@ -7,13 +7,17 @@ import os
 import re
 import signal
 from pathlib import Path
+from unittest.mock import AsyncMock
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
 
 import taichi_mps as mps
 from taichi_mps.app.resident import RESTARTED, Resident
+from taichi_mps.app.server import NO_TOKEN, OnlyHere
 from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.forecast import accuracy
 from taichi_mps.input import catalogue
@@ -25,6 +29,9 @@ from tests.support.recorded import recorded
 from tests.support.served import serving
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc of Linux")
+
+
+TOKEN = "kept.by~its_owner-1"
 
 
 class Tab:
@@ -121,8 +128,11 @@ def test_sliders_preview_a_mix_and_its_address_brings_it_back(tmp_path):
 
 @needs_chromium
 def test_two_tabs_run_watch_stop_and_compare(tmp_path):
-    with serving(tmp_path) as (port, server), chromium() as browser:
-        one, two = Tab(browser, port), Tab(browser, port, "#slump?yield_value=900&spacing=0.02", width=390)
+    """Each a browser of its own, which has the token from its address."""
+    with serving(tmp_path, TOKEN) as (port, server), chromium() as browser:
+        one = Tab(browser, port, f"?token={TOKEN}")
+        two = Tab(browser, port, f"?token={TOKEN}#slump?yield_value=900&spacing=0.02", width=390)
+        assert TOKEN not in one.page.url + two.page.url
         one.set(yield_value="500 ")
         one.page.locator("#more").evaluate("details => { details.open = true }")
         one.set(spacing="20 mm")
@@ -436,6 +446,51 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
 
         discloses_nothing_of_others()
         answers_any_question()
+
+
+def test_without_the_token_nothing_is_read_or_changed(tmp_path):
+    """Whoever lacks the token of the address gets one line: for the page, its code, a file and a report of a run, each
+    question and the preview; and a run stays where it is. The token gives a cookie, and with that all is there."""
+    recorded(tmp_path / "run", 1, "time")
+    asked = [
+        ("/ask/delete", '{"names": ["run"]}'),
+        ("/ask/preview", "{}"),
+        ("/ask/list", "{}"),
+        ("/ask/serve", "{}"),
+    ] + [(path, None) for path in ("/", "/static/page.js", "/runs/run/summary.json", "/report/run", "/docs")]
+    with serving(tmp_path, TOKEN) as (port, _):
+        name = f"taichi_mps_{port}"
+        for cookie in ("", f"{name}=", f"{name}={TOKEN}1", f"{name}=\xff", f"another={TOKEN}"):
+            for path, body in [*asked, ("/?token=", None), ("/?token=%FF", None), (f"/?token={TOKEN}1", None)]:
+                got = answer(port, path, body, **JSON, Cookie=cookie)
+                assert (got.status, got.read()) == (403, NO_TOKEN.encode()), (path, cookie)
+        assert (tmp_path / "run" / "summary.json").is_file()
+        assert answer(port, f"/?token={TOKEN}", Host="evil.example").status == 403
+        got = answer(port, f"/?token={TOKEN}")
+        assert (got.status, got.headers["Location"], got.read()) == (303, "/", b"")
+        kept, *settings = got.headers["Set-Cookie"].split("; ")
+        assert kept == f"{name}={TOKEN}" and set(settings) == {"HttpOnly", "Path=/", "SameSite=strict"}
+        own = JSON | {"Cookie": kept}
+        assert [answer(port, path, body, **own).status for path, body in asked[2:]] == [
+            200,
+            404,
+            200,
+            200,
+            200,
+            404,
+            404,
+        ]
+        assert answer(port, *asked[0], **own, Origin="http://evil.example").status == 403
+        assert answer(port, *asked[0], **own).status == 200 and not (tmp_path / "run").exists()
+
+
+def test_what_starts_the_browser_is_good_once():
+    """The list of processes shows with which address a browser was started: a second one is refused with it."""
+
+    only, home = OnlyHere(None, 80, TOKEN, "once"), AsyncMock(return_value=PlainTextResponse("home"))
+    head = {"type": "http", "method": "GET", "path": "/", "headers": [(b"host", b"127.0.0.1:80")]}
+    asked = [Request(head | {"query_string": b"token=" + word}) for word in (b"once", b"once", b"", TOKEN.encode())]
+    assert [asyncio.run(only.dispatch(request, home)).status_code for request in asked] == [303, 403, 403, 303]
 
 
 def test_its_end_is_silent_about_a_preview_under_way(tmp_path):

@@ -2,6 +2,9 @@
 
 import os
 import re
+import signal
+import subprocess
+from importlib.util import find_spec, module_from_spec
 from types import SimpleNamespace
 
 import pytest
@@ -124,3 +127,29 @@ def test_what_is_wrong_is_told_by_its_key():
     assert str(caught.value) == "; ".join(found.values())
     assert wrong(SceneError("spacing = 1 m: too large")) == {"spacing": "spacing = 1 m: too large"}
     assert wrong(SceneError("this scene; is odd")) == wrong(OSError("this scene; is odd")) == {"": "this scene; is odd"}
+
+
+# ---- Windows --------------------------------------------------------------------------------------------------------
+BREAK, CTRL_BREAK, NEW_GROUP = 21, 1, 0x200  # its SIGBREAK, CTRL_BREAK_EVENT and CREATE_NEW_PROCESS_GROUP
+
+
+def anew(name):
+    """A module made anew, beside the one that all others have."""
+    module = module_from_spec(find_spec(f"taichi_mps.{name}"))
+    module.__spec__.loader.exec_module(module)
+    return module
+
+
+def test_stop_reaches_a_run_on_windows(monkeypatch, tmp_path):
+    """SIGINT is none that another process can get there, and SIGTERM kills; Ctrl-Break reaches a group of processes,
+    and the program hears it as Ctrl-C."""
+    monkeypatch.delattr(signal, "SIGHUP")
+    monkeypatch.setattr(signal, "SIGBREAK", BREAK, raising=False)
+    monkeypatch.setattr(signal, "CTRL_BREAK_EVENT", CTRL_BREAK, raising=False)
+    monkeypatch.setattr(subprocess, "CREATE_NEW_PROCESS_GROUP", NEW_GROUP, raising=False)
+    stopped, jobs, sent = anew("cli.stopped"), anew("app.jobs"), []
+    job = jobs.Job("film", ["run", "film"], state="running")
+    job.process = SimpleNamespace(returncode=None, send_signal=sent.append)
+    job.stop()
+    assert sent == [CTRL_BREAK] and anew("app.resident").OWN_SESSION["creationflags"] == NEW_GROUP
+    assert stopped.SIGNALS == [signal.SIGINT, signal.SIGTERM, BREAK]

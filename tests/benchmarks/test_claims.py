@@ -133,6 +133,13 @@ def test_a_result_says_what_it_was_made_with(results, tmp_path, monkeypatch):
     assert "fingerprint c0ffee" in points.stamp()
 
 
+def test_a_commit_is_that_of_a_checkout(tmp_path):
+    assert provenance.commit(tmp_path / "none") is None
+    for words in ("init -q", "-c user.name=a -c user.email=a commit -q --allow-empty -m a"):
+        subprocess.run(["git", *words.split()], cwd=tmp_path, check=True)
+    assert re.fullmatch("[0-9a-f]{7,}", provenance.commit(tmp_path))
+
+
 def test_results_of_other_numerics_or_without_a_head_are_listed(results):
     points.save("same", {"rows": []})
     points.save("points", {"points": {"old": {"machine": {"fingerprint": "other"}}, "new": {"machine": points.head()}}})

@@ -341,6 +341,9 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
             "the command plot is gone; report.html draws the curves of a run, history.csv holds them",
         ),
         ("run slump --plots", "unknown option --plots: report.html draws the curves of a run, history.csv holds them"),
+        ("run film --arch metal", "arch = metal: must be cpu, cuda or vulkan; Metal has no 64-bit floats"),
+        ("app --token a;b", "token = a;b: must be of letters, digits and . _ ~ -, as an address holds them"),
+        ("app --token ä", "token = ä: must be of letters, digits and"),
         ("info nowhere", "run = nowhere: holds no summary.json"),
     ],
 )

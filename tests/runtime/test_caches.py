@@ -4,6 +4,7 @@ import os
 
 import pytest
 
+from taichi_mps.engine.runtime import caches
 from tests.support.child import child
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="HOME is not what Taichi asks for there")
@@ -45,6 +46,15 @@ def test_compiled_kernels_lie_where_they_are_looked_for(tmp_path):
     )
     assert at(os.environ["HOME"], tmp_path, "-c", told, caches=str(tmp_path / "caches"))[0] == 0
     assert at(os.environ["HOME"], tmp_path, "-c", told, caches=str(tmp_path / "others"))[0] == 1
+
+
+def test_on_windows_kernels_lie_in_the_folder_of_the_user(monkeypatch, tmp_path):
+    """Not in C:/taichi_cache, which all users share."""
+    monkeypatch.setattr("sys.platform", "win32")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("QD_OFFLINE_CACHE_FILE_PATH", "")
+    caches.set_cache_folders("quadrants")
+    assert os.environ["QD_OFFLINE_CACHE_FILE_PATH"] == str(tmp_path / "quadrants")
 
 
 @pytest.mark.slow

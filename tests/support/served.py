@@ -12,13 +12,14 @@ READY = 60.0  # [s] for the server to end, on a busy machine
 
 
 @contextmanager
-def serving(folder):
-    """A server of the runs in a folder: its port and its process; at its end Ctrl-C, and no child is left. On stderr it
-    says that alone."""
-    server = begun("-m", "taichi_mps", "app", "--port", "0", "--no-browser", "--folder", folder, cwd=folder)
+def serving(folder, token=""):
+    """A server of the runs in a folder, with this token, or without one: its port and its process; at its end Ctrl-C,
+    and no child is left. On stderr it says that alone."""
+    words = "-m", "taichi_mps", "app", "--port", "0", "--no-browser", "--folder", folder, f"--token={token}"
+    server = begun(*words, cwd=folder)
     try:
-        port = int(re.match(r"http://127\.0\.0\.1:(\d+)/", server.stdout.readline())[1])
-        yield port, server
+        query = f"\\?token={token} " * bool(token)
+        yield int(re.match(rf"http://127\.0\.0\.1:(\d+)/{query}", server.stdout.readline())[1]), server
     finally:
         family = children(server.pid)
         server.send_signal(signal.SIGINT)

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...units import Count, Flag, SceneError, validated
+from ...units import Arch, Count, Flag, SceneError, validated
 from .caches import kernels
 from .memory import ShortOfMemoryError, left_by_process_limits, size
 from .workarounds import LANGUAGE, OPTIONS, compiled_now, for_kernels, in_own_memory, is_for_kernels, sine_by_f32, ti
@@ -59,7 +59,7 @@ _session: Session | None = None
 
 @validated
 def init(
-    arch: Literal["cpu", "cuda", "vulkan"] = "cpu",
+    arch: Arch = "cpu",
     precision: Literal["f32", "f64"] = "f32",
     threads: Count | None = None,
     debug: Flag = False,

@@ -20,7 +20,9 @@ def set_cache_folders(language: str) -> None:
     the user has set stays if it can be written."""
     home = Path(os.path.expanduser("~"))
     home = home if home.is_absolute() else Path("/nonexistent")  # the home is unknown
-    if os.name == "posix":
+    if sys.platform == "win32":  # where the language would make a folder beside C:/Windows
+        os.environ[KERNELS[language]] = str(kernels(language))
+    elif os.name == "posix":
         os.environ["HOME"] = str(home)
     if writable(kernels(language)):
         return

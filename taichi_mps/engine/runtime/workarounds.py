@@ -85,12 +85,12 @@ def compiled_now():
 
 # ---- corrections of wrong results ------------------------------------------------------------------------------------
 # Options of ti.init. Taichi miscompiles a vector local that is read, conditionally changed and overwritten (its issue
-# 8744); without cfg_optimization it does not. It keeps a number of a field in a local variable while a loop runs, one
-# for each expression of its place, so that one does not see what is written by another (its issue 8578); without
-# cache_loop_invariant_global_vars it does not. At an opt_level above 0 a pass over the whole kernel hides most of the
-# latter, and takes up to half of the time to compile; it spares a step nothing but where one thread computes 1,000
-# rows or more, a tenth. Quadrants computes the known patterns correctly; it has the same options for equal code. An
-# unrolling limit of 0 avoids a warning of intended unrolling.
+# 8744), and so does Quadrants; without cfg_optimization, or at an opt_level of 0, it does not. It keeps a number of a
+# field in a local variable while a loop runs, one for each expression of its place, so that one does not see what is
+# written by another (its issue 8578); without cache_loop_invariant_global_vars it does not. At an opt_level above 0 a
+# pass over the whole kernel hides most of the latter, and takes up to half of the time to compile; it spares a step
+# nothing but where one thread computes 1,000 rows or more, a tenth. Quadrants keeps no number too long; it has the same
+# options for equal code. An unrolling limit of 0 avoids a warning of intended unrolling.
 OPTIONS = {
     "cfg_optimization": False,
     "cache_loop_invariant_global_vars": False,
