@@ -139,10 +139,10 @@ def read_step(path, name, tolerance):
         except Exception as error:
             raise SceneError(f"mesh {path}: cannot be read as STEP ({type(error).__name__})") from None
     names = list(dict(bodies))
-    bodies = f"{len(names)} bodies: {', '.join(names[:20])}"
-    require(not name or name in names, f"mesh {path}: body = {name}: must be one of its {bodies}")
+    listed = f"{len(names)} bodies: {', '.join(names[:20])}"
+    require(not name or name in names, f"mesh {path}: body = {name}: must be one of its {listed}")
     triangles = np.concatenate([np.zeros((0, 3, 3)), *(own for key, own in bodies if name in ("", key))])
     note = f"{len(triangles)} triangles within {tolerance:.2g} m of the faces of " + (
         f"body {name} of " if name else ""
     )
-    return triangles, [note + bodies]
+    return triangles, [note + listed]
