@@ -271,7 +271,7 @@ def save(picture, path):
 
 
 @validated
-def png(folder: Place, view: View = "concrete", **options: Any) -> Callable[[Any], Path]:
+def png(folder: Place, view: View = "concrete", **options: Any) -> Callable[[Any], None]:
     """Return a callback of a Simulation that writes numbered pictures.
 
     Parameters
@@ -319,7 +319,7 @@ def png(folder: Place, view: View = "concrete", **options: Any) -> Callable[[Any
 @validated
 def gif(
     frames: Place | Sequence[File], out: File, fps: Rate = 10.0, width: Pixels = 640, every: Duration | None = None
-) -> Path:
+) -> None:
     """Write an animated GIF.
 
     Parameters

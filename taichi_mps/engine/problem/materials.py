@@ -100,7 +100,7 @@ class Material(Checked):
         return any(getattr(function, "__module__", None) != __name__ for function in self.functions.values())
 
     @validated
-    def flows(self, rate: Rate) -> np.ndarray:
+    def flows(self, rate: Rate) -> bool | np.ndarray:
         """Return where the material flows: where the viscous part of the stress is over 5 % of the yield stress.
 
         Parameters
@@ -239,7 +239,7 @@ class Bingham(Material):
         """
         return self.yield_value + self.plastic_viscosity * rate
 
-    def shear_rate(self, stress: np.ndarray) -> np.ndarray:
+    def shear_rate(self, stress: float | np.ndarray) -> np.ndarray:
         """Return the shear rate of a stress.
 
         Parameters
@@ -256,6 +256,16 @@ class Bingham(Material):
         if self.knee_stress == self.yield_value:
             return flowing
         return np.where(stress < self.knee_stress, 2.0 * self.critical_strain_rate * stress / self.knee_stress, flowing)
+
+    @property
+    def softened_rate(self) -> float:
+        """Critical strain rate pi_c [1/s] of the scheme semi-implicit, the paper's 0.1 where none is given."""
+        return 0.1 if self.critical_strain_rate is None else self.critical_strain_rate
+
+    @property
+    def unyielded_viscosity(self) -> float:
+        """Apparent viscosity eta + tau_y/(2 pi_c) [Pa s] of unyielded material by that scheme (eqs 2, 3, 9)."""
+        return self.plastic_viscosity + self.yield_value / (2.0 * self.softened_rate)
 
     @property
     def knee_stress(self) -> float:
@@ -462,7 +472,7 @@ class HerschelBulkley(Law):
         """
         return self.structuration / self.yield_value - self.destructuration * rate * structure
 
-    def shear_rate(self, stress: np.ndarray) -> np.ndarray:
+    def shear_rate(self, stress: float | np.ndarray) -> np.ndarray:
         """Return the shear rate of a stress, of the fresh mix.
 
         Parameters
@@ -524,7 +534,7 @@ class Casson(Law):
         """
         return (self.yield_value**0.5 + (self.casson_viscosity * rate) ** 0.5) ** 2
 
-    def shear_rate(self, stress: np.ndarray) -> np.ndarray:
+    def shear_rate(self, stress: float | np.ndarray) -> np.ndarray:
         """Return the shear rate of a stress.
 
         Parameters
