@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-BUDGETS = {"taichi_mps": 13_000, "benchmarks and validation": 3_750, "tests": 10_400}
+BUDGETS = {"taichi_mps": 13_060, "benchmarks and validation": 3_750, "tests": 10_480}
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 
 

@@ -513,15 +513,15 @@ def validated(target: T) -> T:
         target.__init__ = validated(target.__init__)
         return target
     signature = inspect.signature(target)
-    taken = [name for name, p in signature.parameters.items() if p.kind is not inspect.Parameter.VAR_KEYWORD]
 
     @cache
     def model():
         hints = get_type_hints(target, include_extras=True)
-        fields = {name: (hints[name], None) for name in taken if name in hints}
-        for name in fields:
-            if signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL:
-                fields[name] = (tuple[hints[name], ...], ())
+        fields = {
+            name: (tuple[hints[name], ...], ()) if p.kind is p.VAR_POSITIONAL else (hints[name], None)
+            for name, p in signature.parameters.items()
+            if name in hints and p.kind is not p.VAR_KEYWORD
+        }
         return create_model(target.__qualname__, __base__=Checked, **fields)
 
     @wraps(target)

@@ -75,8 +75,8 @@ def cost_of(problem: Problem) -> Cost:
     if known and known[2]:  # which is to rest
         seconds = known[2].cpu_seconds * usual / steps_to(max(end, rest))
     steps = max(usual, end / ((numerics.max_time_step or math.inf) if implicit else own_step(problem)))
-    course = np.array([0.0, 1.0]) if scene.inlets else None
-    return Cost(steps, steps / usual * iterations_factor(numerics) * seconds, end, course)
+    seconds *= steps / usual * iterations_factor(numerics)
+    return Cost(steps, seconds, end, np.array([0.0, 1.0]) if scene.inlets else None)
 
 
 def iterations_factor(numerics) -> float:
@@ -130,8 +130,8 @@ def own_step(problem: Problem, quiet: bool = False) -> float:
     rule, numerics, mix = problem.time_step, problem.numerics, problem.scene.material
     if problem.scheme == "implicit":
         return rule.quiet_step if quiet else rule.longest
-    diffusion = numerics.diffusion_number * problem.scene.spacing**2 * mix.density / mix.unyielded_viscosity
-    return min(numerics.max_time_step, diffusion)
+    kinematic = mix.unyielded_viscosity / mix.density
+    return min(numerics.max_time_step, numerics.diffusion_number * problem.scene.spacing**2 / kinematic)
 
 
 def seconds_of_a_step(particles, at_end: int):

@@ -38,8 +38,7 @@ class ExplicitViscosity(Term):
         d, capacity = self.dimension, self.capacity
         self.newtonian = material.newtonian
         self.density, self.eta, self.tau_y = material.density, material.plastic_viscosity, material.yield_value
-        self.pi_c = material.softened_rate
-        self.largest_possible = material.unyielded_viscosity
+        self.pi_c, self.largest_possible = material.softened_rate, material.unyielded_viscosity
         self.laplacian_scale = 2.0 * d / (fluid.lattice.lam * fluid.lattice.n0)
         self.u_star = ti.Vector.field(d, real(), capacity)  # newest u* [m/s]
         self.lap_u = ti.Vector.field(d, real(), capacity)  # lap u^k [1/(m s)]
