@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-BUDGETS = {"taichi_mps": 13_090, "benchmarks and validation": 3_809, "tests": 10_500}
+BUDGETS = {"taichi_mps": 13_270, "benchmarks and validation": 3_810, "tests": 10_700}
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 
 

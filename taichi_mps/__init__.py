@@ -6,61 +6,11 @@ from importlib.util import find_spec, spec_from_loader
 
 __version__ = "0.3.0.dev0"
 
-# What is public, by module. Loaded at first use: --help is instant, and Ctrl-C is heard before anything large is read.
-_PUBLIC = {
-    "__main__": ["main"],
-    "engine": [
-        "Bingham",
-        "Box",
-        "CapacityError",
-        "Casson",
-        "Cavity",
-        "Concrete",
-        "Cone",
-        "Cylinder",
-        "DivergedError",
-        "DomainError",
-        "FlowCurve",
-        "Friction",
-        "HerschelBulkley",
-        "Implicit",
-        "Inlet",
-        "Jolt",
-        "Law",
-        "Newtonian",
-        "Plane",
-        "Scene",
-        "SemiImplicit",
-        "Solid",
-        "StepReport",
-        "UnmeasuredError",
-        "behind",
-        "box_planes",
-        "fill",
-        "fill_rings",
-        "init",
-        "lattice",
-        "polygon_distance",
-        "rational_critical_strain_rate",
-        "rings",
-        "shell",
-        "vessel",
-        "vibration",
-        "write_bars",
-    ],
-    "input.catalogue": ["slump_cone"],
-    "io.notebook": ["Simulation"],
-    "units": ["SceneError", "checked"],
-    "viz.render": ["gif", "png"],
-}
-_MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
-_MODULES = {  # public modules, by the name they have here
-    "backend": "engine.runtime.backend",
-    "catalogue": "input.catalogue",
-    "checkpoint": "io.checkpoint",
-    "measure": "engine.problem.measures",
-    "rest_shapes": "forecast.rest_shapes",
-}
+# What is public stands once, in __init__.pyi, where editors look, too: lines "from .module import name as public".
+# Loaded at first use: --help is instant, and Ctrl-C is heard before anything large is read.
+with open(f"{__file__}i", encoding="utf-8") as _stub:
+    _PUBLIC = {words[-1]: (words[1][1:], words[3]) for words in map(str.split, _stub) if words[:1] == ["from"]}
+_PUBLIC["measure"] = _PUBLIC.pop("measures")
 # Until 0.5 modules are found by the names that they had in 0.2, too: rooms of the engine, and what left them
 _ROOMS = ["runtime", "geometry", "problem", "particles", "linear", "boundaries", "terms", "schemes", "simulation"]
 _MOVED = {
@@ -100,15 +50,16 @@ class _Moved:
 
 sys.meta_path.insert(0, _Moved)
 
-__all__ = ["measure", "rest_shapes", *_MODULE_OF]
+__all__ = [*_PUBLIC]
 
 
 def __getattr__(name):
-    if name in _MODULE_OF:
-        return getattr(import_module(f".{_MODULE_OF[name]}", __name__), name)
-    if name in _MODULES or name in _ROOMS:
-        return import_module(f".{_MODULES.get(name, name)}", __name__)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in _ROOMS:
+        return import_module(f".{name}", __name__)
+    if name not in _PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, item = _PUBLIC[name]
+    return getattr(__import__(module, globals(), fromlist=[item], level=1), item)
 
 
 def __dir__():

@@ -1,13 +1,14 @@
 """python -m taichi_mps and the program taichi-mps: the command line, with the commands of all rooms."""
 
 import sys
+from collections.abc import Sequence
 
 from .cli.stopped import listen, received
 
 CLOSED_PIPE = 141  # exit status that a shell gives a program ended by SIGPIPE
 
 
-def main(argv=None) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line, as the program ``taichi-mps`` does.
 
     Parameters

@@ -4,10 +4,22 @@ import difflib
 import errno
 import inspect
 import os
+from collections.abc import Callable
 from contextlib import contextmanager
 from functools import cache, partial, wraps
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from pydantic import (
@@ -23,6 +35,8 @@ from pydantic import (
 )
 
 from .spelling import MAX_CHARACTERS, in_unit, without_unit
+
+T = TypeVar("T")
 
 
 class SceneError(ValueError):
@@ -257,28 +271,6 @@ def at_least(least: float, unit: str, value: float) -> float:
 LIGHTEST, HEAVIEST = 200.0, 20000.0  # foamed concrete in the mould, and above mercury [kg/m3]
 DENSITY_HINT = "2300 for 2.3 t/m3"
 
-# powers of a smaller length would underflow
-Size = Annotated[real("m", gt=0.0, le=1e9), AfterValidator(partial(at_least, 1e-12, "m"))]
-Time = real("s", ge=0.0, le=1e9)
-Instant = real("s", ge=-1e9, le=1e9)
-Length = real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0)
-Position = real("m", ge=-1000.0, le=1000.0)
-Duration = Annotated[real("s", gt=0.0, le=1e6), AfterValidator(partial(at_least, INSTANT, "s"))]
-Density = real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
-AnyDensity = real("kg/m3", gt=0.0, le=30000.0)  # also 1, of a flow without weight in numbers without dimension
-Viscosity = real("Pa s", gt=0.0, le=1e6)
-YieldValue = real("Pa", ge=0.0, le=1e6)
-Speed = real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate that is lifted
-FlowRate = real("m3/s", gt=0.0, le=100.0)
-CriticalStrainRate = real("1/s", gt=0.0, le=1e4) | Literal["rational"]  # the word: materials.rational_...
-
-RotationSpeed = real("rpm", "turns a minute", gt=0.0, le=1e4)
-Angle = real("deg", ge=0.0, lt=90.0)
-Ratio = real("-", gt=0.0, le=1.0)
-RadiusRatio = real("l0", ge=1.6, le=4.1)
-Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_number_in_disguise)]
-Flag = Annotated[bool, BeforeValidator(truth)]
-
 
 def no_metal(arch):
     """Refuse Metal; other values are left to those that check them."""
@@ -289,12 +281,65 @@ def no_metal(arch):
     return arch
 
 
-Arch = Annotated[Literal["cpu", "cuda", "vulkan"], BeforeValidator(no_metal)]
-Text = Annotated[str, Strict()]
-Source = Annotated[str, AfterValidator(absolute)]  # file that a run reads
-Place = Annotated[Path, AfterValidator(possible)]  # of a folder or a file
-File = Annotated[Path, AfterValidator(partial(possible, named=True))]
-Picture = Annotated[File, AfterValidator(picture)]
+# isort: off
+if TYPE_CHECKING:  # as an editor has them: numbers in SI units; that text with a unit is taken, too, it does not know
+    from builtins import (
+        bool as Flag,
+        float as Angle,
+        float as AnyDensity,
+        float as Density,
+        float as Duration,
+        float as FlowRate,
+        float as Instant,
+        float as Length,
+        float as Position,
+        float as RadiusRatio,
+        float as Ratio,
+        float as RotationSpeed,
+        float as Size,
+        float as Speed,
+        float as Time,
+        float as Viscosity,
+        float as YieldValue,
+        int as Count,
+        str as Source,
+        str as Text,
+    )
+
+    Arch = Literal["cpu", "cuda", "vulkan"]
+    CriticalStrainRate = float | Literal["rational"]
+    Place = str | os.PathLike[str]
+    File = Place
+    Picture = Place
+# isort: on
+else:
+    # powers of a smaller length would underflow
+    Size = Annotated[real("m", gt=0.0, le=1e9), AfterValidator(partial(at_least, 1e-12, "m"))]
+    Time = real("s", ge=0.0, le=1e9)
+    Instant = real("s", ge=-1e9, le=1e9)
+    Length = real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0)
+    Position = real("m", ge=-1000.0, le=1000.0)
+    Duration = Annotated[real("s", gt=0.0, le=1e6), AfterValidator(partial(at_least, INSTANT, "s"))]
+    Density = real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
+    AnyDensity = real("kg/m3", gt=0.0, le=30000.0)  # also 1, of a flow without weight in numbers without dimension
+    Viscosity = real("Pa s", gt=0.0, le=1e6)
+    YieldValue = real("Pa", ge=0.0, le=1e6)
+    Speed = real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate that is lifted
+    FlowRate = real("m3/s", gt=0.0, le=100.0)
+    CriticalStrainRate = real("1/s", gt=0.0, le=1e4) | Literal["rational"]  # the word: materials.rational_...
+
+    RotationSpeed = real("rpm", "turns a minute", gt=0.0, le=1e4)
+    Angle = real("deg", ge=0.0, lt=90.0)
+    Ratio = real("-", gt=0.0, le=1.0)
+    RadiusRatio = real("l0", ge=1.6, le=4.1)
+    Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_number_in_disguise)]
+    Flag = Annotated[bool, BeforeValidator(truth)]
+    Arch = Annotated[Literal["cpu", "cuda", "vulkan"], BeforeValidator(no_metal)]
+    Text = Annotated[str, Strict()]
+    Source = Annotated[str, AfterValidator(absolute)]  # file that a run reads
+    Place = Annotated[Path, AfterValidator(possible)]  # of a folder or a file
+    File = Annotated[Path, AfterValidator(partial(possible, named=True))]
+    Picture = Annotated[File, AfterValidator(picture)]
 
 
 class Checked(BaseModel):
@@ -391,7 +436,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> dict[str, str]:
     return found
 
 
-def checked(function):
+def checked(function: Callable[..., T]) -> Callable[..., T]:
     """Decorate a function of keywords, such as that of a scene, so that it checks them.
 
     Parameters
@@ -470,7 +515,7 @@ def checked(function):
     return call
 
 
-def validated(target):
+def validated(target: T) -> T:
     """Validate the arguments of a function, or of the class of a record, against their annotations.
 
     SceneError names the argument, its value and what is allowed, before anything is done. The default is not looked at,
@@ -484,10 +529,11 @@ def validated(target):
     @cache
     def model():
         hints = get_type_hints(target, include_extras=True)
-        fields = {name: (hints[name], None) for name in signature.parameters if name in hints}
-        for name in fields:
-            if signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL:
-                fields[name] = (tuple[hints[name], ...], ())
+        fields = {
+            name: (tuple[hints[name], ...], ()) if p.kind is p.VAR_POSITIONAL else (hints[name], None)
+            for name, p in signature.parameters.items()
+            if name in hints and p.kind is not p.VAR_KEYWORD
+        }
         return create_model(target.__qualname__, __base__=Checked, **fields)
 
     @wraps(target)

@@ -321,8 +321,9 @@ def test_the_api_has_every_public_name():
     shown, known = set(), modules()
     for name in equation_index.shown():
         shown |= {name.rsplit(".")[-1]} | (names(known[name]) if name in known else set())
-    hidden = {"measure": "engine.problem.measures", "rest_shapes": "forecast.rest_shapes"}  # modules
-    assert not {hidden.get(name, name).rsplit(".")[-1] for name in public} - shown
+    # modules, by what stands on their pages
+    hidden = {"measure": "surface", "backend": "init", "ti": "init", "catalogue": "build", "checkpoint": "restore"}
+    assert not {hidden.get(name, name) for name in public} - shown
 
 
 def test_named_functions_exist():

@@ -135,7 +135,7 @@ class Run(Pictures):
     until: Duration | None = Field(None, description="time limit of the flow, the scene's own by default")
     every: Duration | None = Field(
         None,
-        description="time between pictures, by default a hundredth of the time limit, and of what falls to rest at "
+        description="time between pictures, by default a twentieth of the time limit, and of what falls to rest at "
         "most 0.3 sqrt(H/g)",
     )
     title: Caption | None = Field(None, description="title of the report, by default the name of the test")

@@ -21,9 +21,14 @@ LANDING_RATIO = 0.9
 MEASURED_ITERATIONS, ITERATIONS_SHARE = 6, 0.45
 # time to rest over sqrt(H/g), and over what eta/tau_y is longer than that; of slump cones
 REST_OVER_FALL, REST_OVER_CREEP = 3.5, 12.0
+# time until hardly anything yields over sqrt(H/g): 0.006 (rho g H/tau_y)^2.2; by semi-implicit, the paper's #2 and #3
+UNYIELDED_OVER_FALL, UNYIELDED_EXPONENT = 0.006, 2.2
 # path of the fastest particles over H: PATH (rho g H/tau_y)^PATH_EXPONENT; of slump cones
 PATH, PATH_EXPONENT, MAX_PATH = 0.15, 0.6, 3.0
-MIN_STEPS, PLANE_COST = 20.0, 0.6  # steps of any run; cost of a step in a plane or rings over that in space
+MIN_STEPS, PLANE_COST = 20.0, 0.6  # steps of a run to rest; cost of a step in a plane or rings over that in space
+SEMI_IMPLICIT_SECONDS = (
+    8.5e-7  # of a step of this scheme for each particle, those of walls among them; the paper's cases
+)
 SETTLING_TIME = 2.0  # [s] from the last layer to rest
 TIMES = 2000  # intervals of the time, in each of which steps are equally long
 
@@ -42,30 +47,36 @@ class Cost:
 
 def cost_of(problem: Problem) -> Cost:
     """Cost of a problem, to the time limit for a pour by the implicit scheme in space, whose steps follow the jet, else
-    to the expected rest. Steps of a slump cone were predicted within a factor of 1.5, of other flows within three."""
-    scene = problem.scene
-    if problem.scheme == "implicit" and scene.dimension == 3 and scene.inlets:
+    to the expected rest. Steps of a slump cone were predicted within a factor of 1.5, of other flows within three, of
+    the paper's cases by its own scheme within two."""
+    scene, numerics, implicit = problem.scene, problem.numerics, problem.scheme == "implicit"
+    if implicit and scene.dimension == 3 and scene.inlets:
         return cost_of_pour(problem)
     known, particles = accuracy.errors_of_run(problem.facts()), particles_of(problem)
     creep = max(m.typical_slope / max(m.yield_value, 1e-9) for m in problem.materials) - problem.fall_time
-    rests = scene.stop_at_rest and problem.rests
-    rest = REST_OVER_FALL * problem.fall_time + REST_OVER_CREEP * max(creep, 0.0)
-    end = min(scene.until, rest) if rests and not scene.jolts else scene.until
+    rests = scene.stop_at_rest and (problem.rests or (not implicit and all(m.yields for m in problem.materials)))
     weight = max(m.density for m in problem.materials) * problem.gravity * problem.height
     softness = weight / max(min(m.yield_value for m in problem.materials), 1e-9 * weight)
+    falls = REST_OVER_FALL if implicit else UNYIELDED_OVER_FALL * softness**UNYIELDED_EXPONENT
+    rest = falls * problem.fall_time + REST_OVER_CREEP * max(creep, 0.0)
+    end = min(scene.until, rest) if rests and not scene.jolts else scene.until
     path = min(PATH * softness**PATH_EXPONENT, MAX_PATH) * problem.height
-    path = min(path, end * math.sqrt(2.0 * problem.gravity * problem.height))
-    # a jolt is one fall more
-    path = (1 + len(scene.jolts)) * path if scene.jolts else path + end * problem.speed
-    steps = path / (problem.numerics.courant_number * scene.spacing) + (not rests) * end / own_step(
-        problem, settles=True
-    )
-    usual = max(steps, MIN_STEPS)
-    seconds = usual * seconds_of_a_step(particles, particles) * (1.0 if scene.dimension == 3 else PLANE_COST)
-    seconds = known[2].cpu_seconds if known and known[2] else float(seconds)
-    steps = max(usual, end / (problem.numerics.max_time_step or math.inf))
-    course = np.array([0.0, 1.0]) if scene.inlets else None
-    return Cost(steps, steps / usual * iterations_factor(problem.numerics) * seconds, end, course)
+
+    def steps_to(time):
+        """Steps to a time [s], if none is limited by other numerics than the Courant number."""
+        way = min(path, 0.5 * problem.gravity * time**2)
+        way = (1 + len(scene.jolts)) * way if scene.jolts else way + time * problem.speed  # a jolt is one fall more
+        slow = time / own_step(problem, settles=True)
+        return max(way / (numerics.courant_number * scene.spacing) + (not rests) * slow, min(MIN_STEPS, slow))
+
+    usual = steps_to(end)
+    each = seconds_of_a_step(particles, particles) if implicit else SEMI_IMPLICIT_SECONDS * particles
+    seconds = float(usual * each * (1.0 if scene.dimension == 3 else PLANE_COST))
+    if known and known[2]:  # which is to rest
+        seconds = known[2].cpu_seconds * usual / steps_to(max(end, rest))
+    steps = max(usual, end / ((numerics.max_time_step or math.inf) if implicit else own_step(problem)))
+    seconds *= steps / usual * iterations_factor(numerics)
+    return Cost(steps, seconds, end, np.array([0.0, 1.0]) if scene.inlets else None)
 
 
 def iterations_factor(numerics) -> float:
@@ -114,11 +125,13 @@ def level_of(scene, volume):
 
 
 def own_step(problem: Problem, settles: bool = False) -> float:
-    """Longest step [s] in a slow flow; ``settles``: when it only settles. That of ``semi-implicit`` is given."""
-    rule = problem.time_step
-    return (
-        problem.numerics.max_time_step if problem.scheme != "implicit" else rule.slow_step if settles else rule.longest
-    )
+    """Longest step [s] in a slow flow; ``settles``: when it only settles. That of ``semi-implicit`` is bound by the
+    diffusion number of unyielded material, as soon as there is any."""
+    rule, numerics, mix = problem.time_step, problem.numerics, problem.scene.material
+    if problem.scheme == "implicit":
+        return rule.slow_step if settles else rule.longest
+    kinematic = mix.unyielded_viscosity / mix.density
+    return min(numerics.max_time_step, numerics.diffusion_number * problem.scene.spacing**2 / kinematic)
 
 
 def seconds_of_a_step(particles, at_end: int):

@@ -65,7 +65,7 @@ def channel_at_rest(
     normal_stress: Flag = False,
     gravity: Gravity = 9.81,
     points: Count = 201,
-):
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the profile of a fluid at rest in a level channel that is closed at x = 0.
 
     Parameters
@@ -155,7 +155,7 @@ def radius_of_flow(
     plastic_viscosity: Viscosity,
     time: Duration = 5.0,
     gravity: Gravity = 9.81,
-):
+) -> float:
     """Return the radius to which a round column flows within a time, without spray.
 
     Parameters
@@ -212,7 +212,7 @@ def radius_of_flow(
 
 
 @validated
-def root(function: Callable, low: real("m", ge=0.0, le=1e9)):
+def root(function: Callable, low: real("m", ge=0.0, le=1e9)) -> float:
     """Find the root of a growing function of a depth by bisection.
 
     Parameters

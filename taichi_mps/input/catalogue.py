@@ -3,10 +3,13 @@
 import ast
 import importlib.util
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+from typing_extensions import TypedDict, Unpack
 
 from ..engine import AnyMaterial, Bingham, Concrete, Scene
 from ..forecast.accuracy import MixNumbers, choose
@@ -111,7 +114,7 @@ def source(name: SceneName) -> str:
 
 
 @validated
-def load(name: SceneName):
+def load(name: SceneName) -> Callable[..., Scene]:
     """Import the function of a scene.
 
     Parameters
@@ -150,7 +153,7 @@ def load(name: SceneName):
 
 
 @validated
-def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords) -> Scene:
+def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords: Any) -> Scene:
     """Make a scene from its name or file and its keywords.
 
     Parameters
@@ -237,8 +240,33 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
     return build(name, **{key: value for key, value in parameters.items() if key not in unused})
 
 
+Number = float | str  # in SI units, or text with a unit
+
+
+class SlumpKeywords(TypedDict, total=False):  # noqa: D101  (scenes/slump.py describes them)
+    density: Number
+    yield_value: Number
+    plastic_viscosity: Number | None
+    critical_strain_rate: Number | None
+    friction_angle: Number
+    consistency: Number | None
+    flow_index: Number
+    structuration: Number
+    destructuration: Number
+    casson_viscosity: Number | None
+    spacing: Number
+    base_diameter: Number
+    top_diameter: Number
+    height: Number
+    floor_radius: Number | None
+    lift_speed: Number | None
+    until: Number | None
+    model: Literal["full", "half", "quarter", "axisymmetric"]
+    accuracy: Number | None
+
+
 @validated
-def slump_cone(material: AnyMaterial | None = None, **keywords) -> Scene:
+def slump_cone(material: AnyMaterial | None = None, **keywords: Unpack[SlumpKeywords]) -> Scene:
     """Make the slump test of a material.
 
     Parameters

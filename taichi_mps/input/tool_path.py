@@ -3,7 +3,7 @@
 import re
 import warnings
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, takewhile
 from typing import Literal
 
 import numpy as np
@@ -89,9 +89,7 @@ class Printer:
             require(codes or (self.motion and number), f"{line.strip()[:40]}: cannot be read")
             codes = codes or [(self.motion, {})]
             codes[-1][1][letter] = float(number or 0.0)
-        for code, words in codes:
-            if code in TEXT_CODES:
-                return
+        for code, words in takewhile(lambda each: each[0] not in TEXT_CODES, codes):
             self.execute_code(code, words)
 
     def execute_code(self, code: str, words: dict[str, float]) -> None:
@@ -141,8 +139,8 @@ class Printer:
                 f"{code} E: needs filament_diameter, as of the slicer, or print_rate",
             )
             require(not opens or climb < flat, f"{code}: lays a bead that rises; must rise by less than 45 degrees")
-            area = 0.25 * np.pi * (self.filament or 0.0) ** 2
-            volume = opens * (self.rate * duration if self.rate is not None else fed * area)
+            by_e = fed * 0.25 * np.pi * (self.filament or 0.0) ** 2
+            volume = opens * (by_e if self.rate is None else self.rate * duration)
             for start, place, part in zip([self.position, *places], places, lengths / length, strict=False):
                 if volume and part:
                     self.beads.append(Bead(start, place, self.time, part * duration, part * volume))
@@ -218,10 +216,7 @@ def read_gcode(path, rate=None, filament=None, dialect: Dialect = "auto") -> lis
     require(printer.beads, f"gcode {path}: lays nothing; G1 must have E, or print_rate be given")
     lowest = min(max(bead.start[2], bead.end[2]) for bead in printer.beads)
     require(lowest > 0.0, f"gcode {path}: lays a bead at z = {lowest:g} m; must be above 0 m")
-    try:
-        beads = levelled(printer.beads)
-    except SceneError as error:
-        raise SceneError(f"gcode {path}: {error}") from None
+    beads = levelled(printer.beads, path)
     heights = heights_above_what_lies_below(beads)
     _, layers = np.unique(np.round([[bead.end[2] for bead in beads], heights], 7), axis=1, return_inverse=True)
     return [
@@ -230,7 +225,7 @@ def read_gcode(path, rate=None, filament=None, dialect: Dialect = "auto") -> lis
     ]
 
 
-def levelled(beads: list[Bead]) -> list[Bead]:
+def levelled(beads: list[Bead], path) -> list[Bead]:
     """Return beads with each turn of a line that rises, a spiral vase, laid level where it ends; SceneError for a line
     that rises and makes no whole turns, which are those of its direction in plan."""
     found = []
@@ -243,7 +238,7 @@ def levelled(beads: list[Bead]) -> list[Bead]:
             turns = round(abs(corners.sum()) / (2.0 * np.pi))
             gap, most = np.linalg.norm((points[-2] - points[0])[:2]), 0.5 * line[0].section ** 0.5
             whole = "must be level, or a spiral of whole turns that ends above its start"
-            require(turns and gap <= most, f"a bead rises at z = {z[0]:g} m; {whole}")
+            require(turns and gap <= most, f"gcode {path}: a bead rises at z = {z[0]:g} m; {whole}")
             rise = round((z[-1] - z[0]) / turns, 7)
             tops = z[0] + rise * np.ceil((0.5 * (z[1:] + z[:-1]) - z[0]) / rise - 1e-6)
             line = [
@@ -275,10 +270,9 @@ def heights_above_what_lies_below(beads: list[Bead]) -> list[float]:
         gaps = z - tops[:, cells[:, 0], cells[:, 1]]
         gaps = np.where(gaps[0] >= least, gaps[0], np.where(gaps[1] >= least, gaps[1], z))
         heights.append(float(np.quantile(gaps, LEAST_PART, method="higher").round(7)))
-        reach = min(margin, int(0.5 * bead.section / heights[-1] / cell))
-        disc = np.stack(np.mgrid[-reach : reach + 1, -reach : reach + 1], -1).reshape(-1, 2)
-        disc = disc[(disc**2).sum(1) <= reach**2]
-        around, at = (cells[:, None] + disc).reshape(-1, 2).T, np.repeat(z, len(disc))
+        half = min(margin, int(0.5 * bead.section / heights[-1] / cell))
+        square = np.stack(np.mgrid[-half : half + 1, -half : half + 1], -1).reshape(-1, 2)
+        around, at = (cells[:, None] + square).reshape(-1, 2).T, np.repeat(z, len(square))
         above = at - tops[0][tuple(around)] >= least
         tops[1][tuple(around[:, above])] = tops[0][tuple(around[:, above])]
         tops[0][tuple(around)] = at

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import h5py
 import numpy as np
@@ -24,6 +24,11 @@ from ..input import catalogue
 from ..units import File, SceneError, quote, regular_file, require, unit_of, user_path, validated, writing
 from . import untrusted_hdf5 as untrusted
 from .history import NAMES_OF_0_2
+
+if TYPE_CHECKING:
+    from .notebook import Simulation
+else:
+    Simulation = Any  # imported where one is made
 
 FORMAT = "taichi_mps checkpoint"
 VERSION = 7
@@ -236,7 +241,7 @@ class Checkpoint:
         )
         return problem
 
-    def resume(self, problem: Problem, profile: bool = False):
+    def resume(self, problem: Problem, profile: bool = False) -> Simulation:
         """Make a Simulation that continues from here; Taichi must be started (``init``).
 
         Parameters
@@ -314,7 +319,7 @@ def save(sim: InstanceOf[Running], path: File) -> Path:
 
 
 @validated
-def restore(path: File, scene: InstanceOf[Scene] | None = None):
+def restore(path: File, scene: InstanceOf[Scene] | None = None) -> Simulation:
     """Make a Simulation that continues from a checkpoint, or from the previous one when that file is damaged.
 
     Parameters

@@ -237,7 +237,7 @@ class RunFolder:
             return facts if facts.get("stopped_by") in ENDED and facts.get("simulated_seconds") == time else {}
         return {}
 
-    def check_checkpoint(self, path: Path, state) -> str:
+    def check_checkpoint(self, path: Path, state: dict) -> str:
         """Refuse a checkpoint of another run than the one in the folder.
 
         Parameters

@@ -4,9 +4,10 @@ import errno
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import h5py
 import numpy as np
@@ -67,7 +68,7 @@ class Trajectory:
         self.twins = [self.path.with_suffix(f".twin{k}") for k in (1, 2)]
         self.pending: list[Snapshot] | None = None  # outputs that the twin lacks; None without a twin
 
-    def create(self, sim, source: str, every: float) -> None:
+    def create(self, sim: Any, source: str, every: float) -> None:
         """Begin a file without outputs.
 
         Parameters
@@ -212,7 +213,7 @@ class Trajectory:
             for _ in stored_outputs(file):
                 pass
 
-    def checked_replay(self, scene_file=None):
+    def checked_replay(self, scene_file: Any = None) -> Iterator:
         """Return ``replay`` after all outputs have been read and checked.
 
         Parameters
@@ -274,7 +275,7 @@ class Trajectory:
         scene_file: File | None = None,
         scene: InstanceOf[Scene] | None = None,
         chosen: list[OutputNumber] | None = None,
-    ):
+    ) -> Iterator:
         """Read the outputs one by one.
 
         Parameters

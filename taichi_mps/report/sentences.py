@@ -120,7 +120,7 @@ def certainty(summary) -> str:
     return (
         f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump flow within "
         f"{2e3 * height * error.reach:.0f} mm of the exact flow of this mix: measured for mixes and particle sizes "
-        f"around this one, beside independent finite elements{lifted}.{OTHER_ERRORS}"
+        f"around this one, beside the project's own finite elements{lifted}.{OTHER_ERRORS}"
     )
 
 

@@ -83,8 +83,11 @@ def read_curves(path, keywords: dict, measures, given=()) -> list[Curve]:
             for row in rows:
                 with suppress(ValueError, KeyError):  # told below
                     row[column] = str(float(row[column]) / float(at[1]))
-    names = [column for column in contents if (of := words_of(column)) and set(of) <= set(NAME_WORDS.split())]
-    names = [column for column in names if len({row.get(column) for row in rows}) > 1]
+    names = [
+        column
+        for column in contents
+        if set(words_of(column) or [""]) <= set(NAME_WORDS.split()) and len({row.get(column) for row in rows}) > 1
+    ]
     found = [field for field, _ in contents.values() if field]
     twice = next((field for field in found if [*found, *given].count(field) > 1), "")
     require(not twice, f"{where}{twice} is a column of it; must be there once, and not be given as an option, too")

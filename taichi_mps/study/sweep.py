@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 import numpy as np
 from pydantic import InstanceOf
@@ -93,8 +94,8 @@ def sweep(
     executor: Text | InstanceOf[Executor] = "local",
     workers: Count | None = None,
     watch: Callable | None = None,
-    **parameters,
-):
+    **parameters: Any,
+) -> list[dict]:
     """Compute a scene at every combination of parameters.
 
     Parameters

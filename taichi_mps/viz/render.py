@@ -6,10 +6,10 @@ plane y = 0, z up.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import cycle
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import imageio.v3 as iio
 import numpy as np
@@ -48,7 +48,7 @@ VIEW_VALUES = {  # values of a view, and the label of its colour bar
 }
 # fields that a view reads
 VIEW_FIELDS = {"speed": ["u"], "pressure": ["p"], "shear-rate": ["shear_rate"], "yielded": ["yielded"]}
-VIEWS = ("concrete", *VIEW_VALUES, "yielded", "mix")
+View = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
 Pixels, Limits, Rate = (
     Annotated[Count, Field(ge=16, le=8192)],
     array("", (2,), kind=tuple),
@@ -127,7 +127,7 @@ class Renderer:
         scene: InstanceOf[Scene],
         width: Pixels = 1280,
         height: Pixels = 720,
-        view: Literal[VIEWS] = "concrete",
+        view: View = "concrete",
         limits: Limits | None = None,
         beside: Sequence[InstanceOf[Scene]] = (),
         beads: Flag = False,
@@ -157,7 +157,7 @@ class Renderer:
         round_ones = np.array((1, 1.5, 2, 3, 4, 5, 6, 8, 10)) * 10.0 ** np.floor(np.log10(top))
         return 0.0, float(round_ones[round_ones > 0.97 * top][0])
 
-    def colours(self, snapshot):
+    def colours(self, snapshot: Snapshot) -> np.ndarray:
         """Return the colours of the particles, or of the vertices of the surface, in this view.
 
         Parameters
@@ -181,7 +181,7 @@ class Renderer:
         return viridis((np.asarray(VIEW_VALUES[self.view][0](snapshot), float) - low) / (high - low))
 
     @validated
-    def draw(self, snapshot: InstanceOf[Snapshot], measures: dict | None = None):
+    def draw(self, snapshot: InstanceOf[Snapshot], measures: dict | None = None) -> np.ndarray:
         """Draw the whole body.
 
         Parameters
@@ -271,7 +271,7 @@ def save(picture, path):
 
 
 @validated
-def png(folder: Place, view: Literal[VIEWS] = "concrete", **options):
+def png(folder: Place, view: View = "concrete", **options: Any) -> Callable[[Any], None]:
     """Return a callback of a Simulation that writes numbered pictures.
 
     Parameters
@@ -319,7 +319,7 @@ def png(folder: Place, view: Literal[VIEWS] = "concrete", **options):
 @validated
 def gif(
     frames: Place | Sequence[File], out: File, fps: Rate = 10.0, width: Pixels = 640, every: Duration | None = None
-):
+) -> None:
     """Write an animated GIF.
 
     Parameters

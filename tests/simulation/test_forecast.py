@@ -18,7 +18,8 @@ from taichi_mps.forecast.cost import LANDING_RATIO, cost_of
 from taichi_mps.input import catalogue
 from tests.support.child import child
 
-MEASURED = json.loads((Path(__file__).resolve().parents[2] / "benchmarks/results/cubic_metre.json").read_text())
+RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results"
+MEASURED = json.loads((RESULTS / "cubic_metre.json").read_text())
 L0, SIDE, MOUTH, RATE, VOLUME, G = 0.02, 0.4, 2.0, 0.012, 0.192, 9.81
 FULL = VOLUME / RATE  # [s]
 RUN = """
@@ -126,6 +127,25 @@ def test_steps_of_a_nozzle_are_those_of_its_speed():
     ms."""
     found = cost_of(Problem(catalogue.build("printing", model="path", layers=10, spacing=0.005), mps.Implicit()))
     assert found.steps == pytest.approx(20.0 / 0.01, rel=0.01)
+
+
+@pytest.mark.parametrize("name", [f"{scheme}-{k}" for scheme in ("implicit", "semi-implicit") for k in (1, 2, 3, 5)])
+def test_the_steps_of_the_papers_cases_are_told_within_a_factor_of_two(name):
+    """By either scheme, as benchmarks/paper_cases.py ran them; their processor time within one of three."""
+    ran = json.loads((RESULTS / f"paper_{name}.json").read_text())["summary"]
+    numerics = mps.Implicit() if ran["scheme"] == "implicit" else mps.SemiImplicit()
+    told = cost_of(Problem(mps.slump_cone(**ran["parameters"] | {"floor_radius": None}), numerics))
+    assert 0.5 < told.steps / ran["steps"] < 2.0
+    assert 1 / 3 < told.cpu_seconds / ran["cpu_seconds"] < 3.0
+
+
+def test_a_short_run_is_told_its_own_steps_and_draws_twenty_pictures():
+    """In 0.05 s a cone falls g t^2/2 = 12 mm, a fifth of a spacing in a step; its 7 steps were counted."""
+    problem = Problem(mps.slump_cone(until=0.05), mps.Implicit())
+    short, whole = cost_of(problem), cost_of(Problem(mps.slump_cone(), mps.Implicit()))
+    assert short.steps == pytest.approx(7, abs=1.0)
+    assert short.cpu_seconds == pytest.approx(whole.cpu_seconds * short.steps / whole.steps)
+    assert 10 <= 0.05 / problem.usual_interval <= 25
 
 
 def test_each_jolt_of_a_table_is_a_fall_more():

@@ -47,7 +47,7 @@ def run(path):
 
 
 def test_the_first_slump_is_that_of_the_finite_elements_in_five_cells():
-    space, (_, before, report, after, figure) = run(BOOKS[0])
+    space, (_, before, after, figure, report) = run(BOOKS[0])
     assert before.shape == after.shape == (540, 960, 3) and before.std() > 10 and np.any(before != after)
     assert report.startswith("<table>") and "max_speed" in report
     assert abs(space["slump"][-1] - 0.180) < 0.01
@@ -57,6 +57,7 @@ def test_the_first_slump_is_that_of_the_finite_elements_in_five_cells():
 @pytest.mark.slow
 def test_kernels_by_hand_leave_the_simulation_as_it_was():
     space, shown = run(BOOKS[1])
+    assert shown[0].shape == (540, 960, 3)
     assert abs(np.median(space["density"]) - 1.0) < 0.1
     assert np.abs(space["rate"][space["inside"]] / (0.5 * 12**0.5) - 1.0).max() < 1e-3
     assert space["residual"] <= 1e-5 and space["iterations"] > 3
@@ -65,6 +66,22 @@ def test_kernels_by_hand_leave_the_simulation_as_it_was():
     sim.load(space["saved"])
     sim.step()
     assert np.array_equal(sim.snapshot().x, after)
+
+
+@pytest.mark.slow
+def test_a_kernel_of_ones_own_in_a_notebook_is_what_numpy_gives_and_may_be_changed():
+    """Its cell, run again with another level, by NumPy's sum over the whole."""
+    space, _ = run(BOOKS[1])
+    sim, state = space["sim"], space["sim"].particles.read()
+    for level in (0.1, 0.05):
+        above = state["x"][:, 1] > level
+        momentum = -(state["ring"] * state["u"][:, 1])[above].sum()
+        assert space["momentum_above"](sim.particles, level) == pytest.approx(momentum, rel=1e-4)
+    assert len(space["course"]) > 10 and np.ptp([value for _, value in space["course"]]) > 0.1
+    space["set_invariant"](sim.particles, sim.scheme.solved_rate.G)
+    G = sim.scheme.solved_rate.G.to_numpy()[: len(above)]
+    exact = np.sqrt(0.5 * ((G + G.swapaxes(1, 2)) ** 2).sum((1, 2)))
+    assert space["invariant"].to_numpy()[: len(above)] == pytest.approx(exact, rel=1e-4)
 
 
 @pytest.mark.long

@@ -123,7 +123,7 @@ def vibration(
     end: Time,
     start: Time = 0.0,
     gravity: vector("m/s2") | None = None,
-):
+) -> tuple[tuple[float, ...], ...]:
     """Return gravity in the frame of a form or a table that vibrates.
 
     Parameters

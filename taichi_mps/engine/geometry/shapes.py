@@ -30,7 +30,9 @@ class Body(Protocol):
     True
     """
 
-    contains: Callable
+    @property
+    def contains(self) -> Callable:
+        """Function of positions (n, d) [m]: which lie inside, (n,)."""
 
 
 @runtime_checkable
@@ -45,7 +47,9 @@ class HasDistance(Protocol):
     True
     """
 
-    distance: Callable
+    @property
+    def distance(self) -> Callable:
+        """Function of positions (n, d) [m]: distance [m] of the surface, (n,)."""
 
 
 @validated
@@ -78,7 +82,7 @@ class Box:
         require(above, f"high = {self.high} m of a box: must be above low = {self.low} m along each axis")
 
     @validated
-    def contains(self, x: points("m")):
+    def contains(self, x: points("m")) -> np.ndarray:
         """Return which points are inside.
 
         Parameters
@@ -95,12 +99,12 @@ class Box:
         return np.all((x > self.low) & (x < self.high), axis=1)
 
     @property
-    def bounds(self):
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner [m] of the enclosing box, each of shape (d,)."""
         return np.array(self.low, float), np.array(self.high, float)
 
     @property
-    def volume(self):
+    def volume(self) -> float:
         """Volume [m3], in two dimensions the area [m2]."""
         return float(np.prod(np.subtract(self.high, self.low)))
 
@@ -139,7 +143,7 @@ class Cone:
         require(self.volume > 0.0, f"{radii}: one must be greater than 0 m")
 
     @validated
-    def contains(self, x: points("m")):
+    def contains(self, x: points("m")) -> np.ndarray:
         """Return which points are inside.
 
         Parameters
@@ -157,20 +161,20 @@ class Cone:
         return (x[:, 2] > 0) & (x[:, 2] < self.height) & (np.hypot(x[:, 0], x[:, 1]) < radius)
 
     @property
-    def bounds(self):
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner [m] of the enclosing box, each of shape (3,)."""
         r = max(self.base_radius, self.top_radius)
         return np.array([-r, -r, 0.0]), np.array([r, r, self.height])
 
     @property
-    def volume(self):
+    def volume(self) -> float:
         """Volume [m3]."""
         a, b = self.base_radius, self.top_radius
         return np.pi * self.height / 3.0 * (a * a + a * b + b * b)
 
 
 @validated
-def lattice(low: array("m", (None,)), high: array("m", (None,)), spacing: Size, offset: Offset = 0.5):
+def lattice(low: array("m", (None,)), high: array("m", (None,)), spacing: Size, offset: Offset = 0.5) -> np.ndarray:
     """Return the points of a cubic lattice in a box.
 
     Parameters
@@ -218,7 +222,7 @@ def lattice(low: array("m", (None,)), high: array("m", (None,)), spacing: Size, 
 
 
 @validated
-def rings(inner_radius: real("m", ge=0.0, le=1e9), outer_radius: Size, spacing: Size):
+def rings(inner_radius: real("m", ge=0.0, le=1e9), outer_radius: Size, spacing: Size) -> np.ndarray:
     """Return points on concentric circles about the origin, a spacing apart.
 
     Parameters
@@ -271,7 +275,7 @@ def rings(inner_radius: real("m", ge=0.0, le=1e9), outer_radius: Size, spacing: 
 
 
 @validated
-def shell(low: vector("m"), high: vector("m"), spacing: Size, layers: Count = 3):
+def shell(low: vector("m"), high: vector("m"), spacing: Size, layers: Count = 3) -> np.ndarray:
     """Return wall particles in layers around a box that is open at the top.
 
     Parameters
@@ -303,7 +307,7 @@ def shell(low: vector("m"), high: vector("m"), spacing: Size, layers: Count = 3)
 
 
 @validated
-def fill_rings(solid: InstanceOf[Body], spacing: Size):
+def fill_rings(solid: InstanceOf[Body], spacing: Size) -> np.ndarray:
     """Fill a body of revolution with rings, for an axisymmetric scene.
 
     Parameters
@@ -339,7 +343,7 @@ def fill_rings(solid: InstanceOf[Body], spacing: Size):
 
 
 @validated
-def fill(solid: InstanceOf[Body], spacing: Size, mirrors: Sequence[InstanceOf[HasDistance]] = ()):
+def fill(solid: InstanceOf[Body], spacing: Size, mirrors: Sequence[InstanceOf[HasDistance]] = ()) -> np.ndarray:
     """Fill a body with particles on a lattice.
 
     Parameters

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from time import monotonic
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, InstanceOf
@@ -142,7 +142,7 @@ class Solid(Moving):
 
     @classmethod
     @validated
-    def of(cls, distance: Callable, low: vector("m"), high: vector("m"), cell: Size, **keywords):
+    def of(cls, distance: Callable, low: vector("m"), high: vector("m"), cell: Size, **keywords: Any) -> "Solid":
         """Sample a signed distance function on a grid.
 
         Parameters
@@ -188,7 +188,9 @@ class Solid(Moving):
 
     @classmethod
     @validated
-    def prism(cls, corners: PolygonCorners, cell: Size, reach: Size, along: Interval | None = None, **keywords):
+    def prism(
+        cls, corners: PolygonCorners, cell: Size, reach: Size, along: Interval | None = None, **keywords: Any
+    ) -> "Solid":
         """Make a solid whose section in the (x, z) plane is a convex polygon: a plate, a gate.
 
         Parameters
@@ -217,7 +219,9 @@ class Solid(Moving):
 
     @classmethod
     @validated
-    def bars(cls, places: PlanePoints, radius: Size, upright: Interval, cell: Size, reach: Size, **keywords):
+    def bars(
+        cls, places: PlanePoints, radius: Size, upright: Interval, cell: Size, reach: Size, **keywords: Any
+    ) -> "Solid":
         """Make a solid of upright round bars.
 
         Parameters
@@ -260,8 +264,8 @@ class Solid(Moving):
         scale: Scale = 1.0,
         body: Text = "",
         open_top: real("m", ge=0.0, le=100.0) = 0.0,
-        **keywords,
-    ):
+        **keywords: Any,
+    ) -> "Solid":
         """Make a solid from a closed triangle mesh (extra ``cad``), or from a STEP file (extra ``step``).
 
         Parameters
@@ -382,7 +386,7 @@ class Solid(Moving):
         return float(np.sqrt(largest))
 
     @property
-    def point(self):
+    def point(self) -> tuple[float, ...]:
         """First node of the grid [m]."""
         return self.low
 
@@ -392,21 +396,21 @@ class Solid(Moving):
         return tuple(np.array(self.low) + self.cell * (np.array(self.values.shape) - 1))
 
     @property
-    def travel(self):
+    def travel(self) -> np.ndarray:
         """Velocity of translation [m/s], shape (d,)."""
         return self.fastest
 
     @property
-    def centre(self):
+    def centre(self) -> np.ndarray:
         """Pivot, or the first node where there is none [m], shape (d,)."""
         return np.array(self.low if self.pivot is None else self.pivot, float)
 
     @property
-    def spin(self):
+    def spin(self) -> np.ndarray:
         """Gradient of the velocity of rotation [1/s], shape (d, d)."""
         return spin(self.angular_velocity, self.unit_axis, len(self.low))
 
-    def turned(self, time) -> np.ndarray:
+    def turned(self, time: float) -> np.ndarray:
         """Return the rotation from 0 s to a time.
 
         Parameters
@@ -424,7 +428,7 @@ class Solid(Moving):
         angle, K = self.angular_velocity * time, self.spin / self.angular_velocity
         return np.eye(len(K)) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
 
-    def placed(self, x, time) -> np.ndarray:
+    def placed(self, x: np.ndarray, time: float) -> np.ndarray:
         """Move points of the solid with it.
 
         Parameters
@@ -441,7 +445,7 @@ class Solid(Moving):
         """
         return (x - self.centre) @ self.turned(time).T + self.centre + self.displacement(time)
 
-    def reach(self, time) -> tuple[np.ndarray, np.ndarray]:
+    def reach(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the box that encloses the grid at a time.
 
         Parameters
@@ -464,13 +468,13 @@ class Solid(Moving):
         return np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, len(self.low))
 
     @property
-    def speed(self):
+    def speed(self) -> float:
         """Largest speed of the wall [m/s]."""
         corners = self.corners
         return float(np.linalg.norm(self.travel + (corners - self.centre) @ self.spin.T, axis=1).max())
 
     @validated
-    def distance(self, x: points("m"), time: Instant = 0.0):
+    def distance(self, x: points("m"), time: Instant = 0.0) -> np.ndarray:
         """Return the signed distance of points from the wall.
 
         Parameters
@@ -491,7 +495,7 @@ class Solid(Moving):
 
 
 @validated
-def polygon_distance(x: PlanePoints, corners: PolygonCorners):
+def polygon_distance(x: PlanePoints, corners: PolygonCorners) -> np.ndarray:
     """Return the signed distance of points from a convex polygon.
 
     Parameters

@@ -51,8 +51,10 @@ class Friction(Checked):
     >>> floor = mps.Plane((0.0, 0.0), (0.0, 1.0), friction=oiled)
     """
 
-    yield_value: YieldValue = Field(0.0, description="yield stress of the interface")
-    viscous_constant: real("Pa s/m", ge=0.0, le=1e9) = Field(0.0, description="viscous resistance of the interface")
+    yield_value: YieldValue = Field(default=0.0, description="yield stress of the interface")
+    viscous_constant: real("Pa s/m", ge=0.0, le=1e9) = Field(
+        default=0.0, description="viscous resistance of the interface"
+    )
 
     @model_validator(mode="after")
     def _require_resistance(self):
@@ -173,14 +175,14 @@ class Plane(Moving):
             object.__setattr__(self, "slip", True)
 
     @property
-    def travel(self):
+    def travel(self) -> np.ndarray:
         """Velocity at which the wall changes its position [m/s], shape (d,); zero if it moves in its own plane."""
         velocities = np.atleast_2d(self.fastest if self.in_time is None else self.in_time.values)
         normal_motion = np.abs(velocities @ np.array(self.normal)) > 1e-9 * np.linalg.norm(velocities, axis=1)
         return self.fastest if normal_motion.any() else 0.0 * self.fastest
 
     @validated
-    def distance(self, x: points("m"), time: Instant = 0.0):
+    def distance(self, x: points("m"), time: Instant = 0.0) -> np.ndarray:
         """Return the signed distance of points from the wall.
 
         Parameters
@@ -199,7 +201,7 @@ class Plane(Moving):
         return (x - np.array(self.point) - self.displacement(time)) @ np.array(self.normal)
 
     @property
-    def speed(self):
+    def speed(self) -> float:
         """Largest speed of the wall [m/s]."""
         return float(np.linalg.norm(self.fastest))
 
@@ -285,23 +287,23 @@ class Cylinder(Moving):
         require(narrow > 0.0, f"slope = {self.slope:g}: radius = {narrow:g} m at an end; must be greater than 0 m")
 
     @property
-    def smallest_radius(self):
+    def smallest_radius(self) -> float:
         """Radius at the narrower end [m]."""
         return self.radius + min(0.0, self.slope * (self.length or 0.0))
 
     @property
-    def speed(self):
+    def speed(self) -> float:
         """Largest speed of the wall [m/s]."""
         largest = self.radius + max(0.0, self.slope * (self.length or 0.0))
         return float(np.hypot(self.angular_velocity * largest, np.linalg.norm(self.fastest)))
 
     @property
-    def travel(self):
+    def travel(self) -> np.ndarray:
         """Velocity at which the wall changes its position [m/s], shape (d,); zero for an endless wall."""
         return self.fastest if self.length is not None else 0.0 * self.unit_axis
 
     @property
-    def components(self):
+    def components(self) -> int:
         """Number of components of the velocity: 1, along the axis."""
         return 1
 
@@ -310,7 +312,7 @@ class Cylinder(Moving):
         return np.ravel(velocity)[0] * self.unit_axis
 
     @property
-    def circles(self):
+    def circles(self) -> list[np.ndarray]:
         """Outlines to draw: the circles at the ends as arrays of shape (k, d) [m]."""
         angle = np.linspace(0.0, 2.0 * np.pi, 73)
         across = np.eye(2) if len(self.point) == 2 else np.linalg.svd(self.unit_axis[None])[2][1:]
@@ -319,7 +321,7 @@ class Cylinder(Moving):
         return [np.array(self.point) + s * self.unit_axis + (self.radius + self.slope * s) * unit for s in ends]
 
     @validated
-    def distance(self, x: points("m"), time: Instant = 0.0):
+    def distance(self, x: points("m"), time: Instant = 0.0) -> np.ndarray:
         """Return the signed distance of points from the wall.
 
         Parameters
@@ -347,7 +349,9 @@ class Cylinder(Moving):
 
 
 @validated
-def box_planes(low: vector("m"), high: vector("m"), slip: Flag = False, friction: InstanceOf[Friction] | None = None):
+def box_planes(
+    low: vector("m"), high: vector("m"), slip: Flag = False, friction: InstanceOf[Friction] | None = None
+) -> tuple[Plane, ...]:
     """Return the walls of a box that is open at the top.
 
     Parameters
@@ -414,7 +418,7 @@ def vessel(section: Sequence, sides: Sequence, half_width: real("m", ge=0.0, le=
 
 
 @validated
-def behind(walls: Sequence[InstanceOf[HasDistance]], x: points("m"), thick: Size):
+def behind(walls: Sequence[InstanceOf[HasDistance]], x: points("m"), thick: Size) -> np.ndarray:
     """Return the positions that lie behind a wall, as places of wall particles.
 
     Parameters

@@ -1,4 +1,9 @@
-"""Every field a particle carries from one step to the next, in one SNode structure; load and read back."""
+"""Every field a particle carries from one step to the next; load and read back.
+
+Each field is an array of its own, a dense node of Taichi's tree, in which the components of a vector or tensor lie side
+by side. A stage reads two or three of a dozen fields of each neighbour; with one node for all it would load the others,
+too.
+"""
 
 from dataclasses import dataclass
 

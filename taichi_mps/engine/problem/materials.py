@@ -9,7 +9,7 @@ import warnings
 from abc import abstractmethod
 from collections.abc import Callable
 from types import NoneType
-from typing import ClassVar, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, get_type_hints
 
 import numpy as np
 from pydantic import Field, create_model, model_validator
@@ -72,7 +72,7 @@ class Material(Checked):
     friction_coefficient: ClassVar[float] = 0.0  # increase of the yield stress with the pressure [-]
     growth_at_rest: ClassVar[float] = 0.0  # growth rate of the yield stress at rest [Pa/s]
 
-    density: AnyDensity = Field(2300.0, description="density of the mix")
+    density: AnyDensity = Field(default=2300.0, description="density of the mix")
 
     @property
     def yields(self) -> bool:
@@ -100,7 +100,7 @@ class Material(Checked):
         return any(getattr(function, "__module__", None) != __name__ for function in self.functions.values())
 
     @validated
-    def flows(self, rate: Rate):
+    def flows(self, rate: Rate) -> bool | np.ndarray:
         """Return where the material flows: where the viscous part of the stress is over 5 % of the yield stress.
 
         Parameters
@@ -182,13 +182,13 @@ class Bingham(Material):
     curved: ClassVar[bool] = False
     growth: ClassVar[None] = None
 
-    plastic_viscosity: Viscosity = Field(50.0, description="plastic viscosity of the mix")
-    yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
+    plastic_viscosity: Viscosity = Field(default=50.0, description="plastic viscosity of the mix")
+    yield_value: YieldValue = Field(default=300.0, description="yield stress of the mix")
     critical_strain_rate: CriticalStrainRate | None = Field(
-        None, description="pi_c of the bi-viscosity law, by default a true yield stress"
+        default=None, description="pi_c of the bi-viscosity law, by default a true yield stress"
     )
     friction_angle: Angle = Field(
-        0.0, description="internal friction: its tangent times the pressure adds to the yield stress"
+        default=0.0, description="internal friction: its tangent times the pressure adds to the yield stress"
     )
 
     @classmethod
@@ -239,7 +239,7 @@ class Bingham(Material):
         """
         return self.yield_value + self.plastic_viscosity * rate
 
-    def shear_rate(self, stress):
+    def shear_rate(self, stress: float | np.ndarray) -> np.ndarray:
         """Return the shear rate of a stress.
 
         Parameters
@@ -256,6 +256,16 @@ class Bingham(Material):
         if self.knee_stress == self.yield_value:
             return flowing
         return np.where(stress < self.knee_stress, 2.0 * self.critical_strain_rate * stress / self.knee_stress, flowing)
+
+    @property
+    def softened_rate(self) -> float:
+        """Critical strain rate pi_c [1/s] of the scheme semi-implicit, the paper's 0.1 where none is given."""
+        return 0.1 if self.critical_strain_rate is None else self.critical_strain_rate
+
+    @property
+    def unyielded_viscosity(self) -> float:
+        """Apparent viscosity eta + tau_y/(2 pi_c) [Pa s] of unyielded material by that scheme (eqs 2, 3, 9)."""
+        return self.plastic_viscosity + self.yield_value / (2.0 * self.softened_rate)
 
     @property
     def knee_stress(self) -> float:
@@ -383,15 +393,17 @@ class HerschelBulkley(Law):
 
     viscous: ClassVar[tuple] = ("consistency", "plastic_viscosity")
 
-    yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
+    yield_value: YieldValue = Field(default=300.0, description="yield stress of the mix")
     consistency: real("Pa s^n", gt=0.0, le=1e6) = Field(
-        50.0, description="k of tau_y + k rate^n, by default the number of the plastic viscosity"
+        default=50.0, description="k of tau_y + k rate^n, by default the number of the plastic viscosity"
     )
-    flow_index: real("", ge=0.1, le=4.0) = Field(1.0, description="n: exponent of the shear rate")
+    flow_index: real("", ge=0.1, le=4.0) = Field(default=1.0, description="n: exponent of the shear rate")
     structuration: real("Pa/s", "0.1 to 1.7 of concrete", ge=0.0, le=1e3) = Field(
-        0.0, description="growth of the yield stress at rest (thixotropy)"
+        default=0.0, description="growth of the yield stress at rest (thixotropy)"
     )
-    destructuration: real("", ge=0.0, le=10.0) = Field(0.005, description="part of that growth undone by a strain of 1")
+    destructuration: real("", ge=0.0, le=10.0) = Field(
+        default=0.005, description="part of that growth undone by a strain of 1"
+    )
 
     @model_validator(mode="after")
     def _has_what_grows(self):
@@ -460,7 +472,7 @@ class HerschelBulkley(Law):
         """
         return self.structuration / self.yield_value - self.destructuration * rate * structure
 
-    def shear_rate(self, stress):
+    def shear_rate(self, stress: float | np.ndarray) -> np.ndarray:
         """Return the shear rate of a stress, of the fresh mix.
 
         Parameters
@@ -500,9 +512,9 @@ class Casson(Law):
 
     viscous: ClassVar[tuple] = ("casson_viscosity",)
 
-    yield_value: YieldValue = Field(300.0, description="yield stress of the mix")
+    yield_value: YieldValue = Field(default=300.0, description="yield stress of the mix")
     casson_viscosity: Viscosity = Field(
-        20.0, description="eta of sqrt(tau) = sqrt(tau_y) + sqrt(eta rate), at high shear rates"
+        default=20.0, description="eta of sqrt(tau) = sqrt(tau_y) + sqrt(eta rate), at high shear rates"
     )
 
     def shear_stress(self, rate, structure):
@@ -522,7 +534,7 @@ class Casson(Law):
         """
         return (self.yield_value**0.5 + (self.casson_viscosity * rate) ** 0.5) ** 2
 
-    def shear_rate(self, stress):
+    def shear_rate(self, stress: float | np.ndarray) -> np.ndarray:
         """Return the shear rate of a stress.
 
         Parameters
@@ -558,10 +570,12 @@ class FlowCurve(Material):
     100.0
     """
 
-    yield_value: YieldValue = Field(0.0, description="yield stress of the mix")
-    typical_slope: Viscosity = Field(50.0, description="typical slope of the flow curve")
+    yield_value: YieldValue = Field(default=0.0, description="yield stress of the mix")
+    typical_slope: Viscosity = Field(default=50.0, description="typical slope of the flow curve")
     shear_stress: Callable = Field(description="stress at a shear rate [1/s] and a structure [-]")
-    growth: Callable | None = Field(None, description="rate of change of the structure, by default not thixotropic")
+    growth: Callable | None = Field(
+        default=None, description="rate of change of the structure, by default not thixotropic"
+    )
     critical_strain_rate: None = None
 
 
@@ -575,7 +589,10 @@ def numbers_of(law: type[Material]) -> dict:
 LAWS = (Bingham, HerschelBulkley, Casson)
 COMMON_NUMBERS = set.intersection(*(set(numbers_of(law)) for law in LAWS))
 MATERIALS = f"{', '.join(law.__name__ for law in LAWS)}, Newtonian, FlowCurve or another Law"
-AnyMaterial = instance(Material, MATERIALS)
+if TYPE_CHECKING:
+    AnyMaterial = Material
+else:
+    AnyMaterial = instance(Material, MATERIALS)
 
 
 def numbers_of_all_laws() -> dict:
@@ -616,12 +633,12 @@ class Concrete(create_model("Numbers", __base__=Material, **numbers_of_all_laws(
     'HerschelBulkley'
     """
 
-    def __new__(cls, **numbers):
+    def __new__(cls, **numbers: Any):
         """Make the law of these numbers."""
         return cls.from_values(numbers, Bingham())
 
     @classmethod
-    def from_values(cls, values, default) -> Material:
+    def from_values(cls, values: dict, default: Any) -> Material:
         """Make the material of these values, by the law that has most of them.
 
         The law of the default is preferred.

@@ -1,8 +1,9 @@
 """Snapshot of a run, and measurements on it as in a laboratory, in plain NumPy."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from pydantic import InstanceOf
@@ -84,7 +85,7 @@ class Snapshot:
             object.__setattr__(self, "mix", np.zeros(len(self.x), np.int32))
 
     @property
-    def speed(self):
+    def speed(self) -> np.ndarray:
         """Speed of each particle [m/s], shape (n,)."""
         return np.linalg.norm(self.u, axis=1)
 
@@ -109,7 +110,7 @@ class GuardedMeasure:
     {'width_m': 0.25}
     """
 
-    def __init__(self, key: str, function):
+    def __init__(self, key: str, function: Callable):
         self.key, self.function, self._warned = key, function, set()
 
     def __call__(self, *given) -> dict[str, float]:
@@ -237,7 +238,7 @@ def embed(x: points("")) -> np.ndarray:
 
 
 @validated
-def reflected(vectors: points(""), normal: vector(""), point: vector("m") | None = None):
+def reflected(vectors: points(""), normal: vector(""), point: vector("m") | None = None) -> np.ndarray:
     """Reflect vectors or positions at a plane.
 
     Parameters
@@ -298,7 +299,7 @@ def mirrored(s: InstanceOf[Snapshot], point: vector("m"), normal: vector("")) ->
     return replace(s, u=np.vstack([s.u, reflected(s.u, normal)]), loads=loads, **doubled)
 
 
-def require_axes(s: Snapshot, vertical=0, **places):
+def require_axes(s: Snapshot, vertical: int = 0, **places: Any) -> None:
     """Raise SceneError for places whose number of coordinates does not fit the particles.
 
     Parameters
@@ -328,7 +329,7 @@ def require_axes(s: Snapshot, vertical=0, **places):
             )
 
 
-def require_heap(s: Snapshot):
+def require_heap(s: Snapshot) -> None:
     """Raise SceneError for a snapshot that is not a body in three dimensions.
 
     Parameters

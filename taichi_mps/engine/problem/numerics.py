@@ -36,20 +36,20 @@ class Implicit(Checked):
     scheme: ClassVar[str] = "implicit"
     unyielded_stop: ClassVar[None] = None  # of the paper's scheme only
 
-    walls: Literal["surfaces", "particles"] = Field("surfaces", description="how walls are represented")
-    courant_number: Ratio = Field(0.2, description=COURANT)
+    walls: Literal["surfaces", "particles"] = Field(default="surfaces", description="how walls are represented")
+    courant_number: Ratio = Field(default=0.2, description=COURANT)
     max_time_step: Duration | None = Field(
-        None, description="no step is longer; those that resolve the flow may be shorter"
+        default=None, description="no step is longer; those that resolve the flow may be shorter"
     )
-    tolerance: Ratio = Field(3e-3, description="relative residual at which a velocity solve stops")
-    passes: Count = Field(6, description="augmented-Lagrangian (Uzawa) iterations a step")
+    tolerance: Ratio = Field(default=3e-3, description="relative residual at which a velocity solve stops")
+    passes: Count = Field(default=6, description="augmented-Lagrangian (Uzawa) iterations a step")
     outer_tolerance: real("-", ge=0.0, le=1.0) = Field(
-        0.0, description="residual below which a step ends its iterations; 0: never"
+        default=0.0, description="residual below which a step ends its iterations; 0: never"
     )
-    effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
-    wall_loads: Flag = Field(False, description="measure force and torque of the fluid on each wall")
+    effective_radius_ratio: RadiusRatio = Field(default=2.1, description=RADIUS)
+    wall_loads: Flag = Field(default=False, description="measure force and torque of the fluid on each wall")
     sleep: Literal["auto", "on", "off"] = Field(
-        "auto", description="leave what stands still out of the steps; auto: where there are particles enough"
+        default="auto", description="leave what stands still out of the steps; auto: where there are particles enough"
     )
 
 
@@ -78,16 +78,20 @@ class SemiImplicit(Checked):
     scheme: ClassVar[str] = "semi-implicit"
     walls: ClassVar[str] = "particles"
 
-    literal: Flag = Field(False, description="the paper's equations alone, without what practice adds")
-    courant_number: Ratio = Field(0.2, description=COURANT)
-    diffusion_number: Ratio = Field(0.2, description="largest viscosity times step over density and spacing squared")
-    first_time_step: Duration = Field(1e-3, description="first step")
-    max_time_step: Duration = Field(1e-3, description="longest step")
-    picard_tolerance: Ratio = Field(0.05, description="relative change of the velocity that ends the Picard iteration")
-    picard_limit: Count = Field(20, description="direct (Picard) iterations of the viscosity a step, at most")
-    tolerance: Ratio = Field(1e-5, description="relative residual at which the pressure solve stops")
-    unyielded_stop: Ratio = Field(0.9, description="unyielded fraction of the particles at which the run ends")
-    effective_radius_ratio: RadiusRatio = Field(2.1, description=RADIUS)
+    literal: Flag = Field(default=False, description="the paper's equations alone, without what practice adds")
+    courant_number: Ratio = Field(default=0.2, description=COURANT)
+    diffusion_number: Ratio = Field(
+        default=0.2, description="largest viscosity times step over density and spacing squared"
+    )
+    first_time_step: Duration = Field(default=1e-3, description="first step")
+    max_time_step: Duration = Field(default=1e-3, description="longest step")
+    picard_tolerance: Ratio = Field(
+        default=0.05, description="relative change of the velocity that ends the Picard iteration"
+    )
+    picard_limit: Count = Field(default=20, description="direct (Picard) iterations of the viscosity a step, at most")
+    tolerance: Ratio = Field(default=1e-5, description="relative residual at which the pressure solve stops")
+    unyielded_stop: Ratio = Field(default=0.9, description="unyielded fraction of the particles at which the run ends")
+    effective_radius_ratio: RadiusRatio = Field(default=2.1, description=RADIUS)
 
 
 NUMERICS = {kind.scheme: kind for kind in (Implicit, SemiImplicit)}

@@ -13,6 +13,7 @@ from .numerics import Implicit, SemiImplicit
 from .scene import Scene
 from .time_step import TimeStep
 
+OUTPUTS = 20  # of a run to its time limit, by default
 OUTPUT_INTERVAL = 0.3  # interval of the outputs over sqrt(H/g): a body falls much faster than it creeps
 FREE_SURFACE_ROOM = 1.1  # room in front of the walls over the volume of the fluid from which on it has a free surface
 SAMPLE_COUNT = 1 << 15  # points of the domain by which the room is estimated, within 1 % for a box of a third of it
@@ -246,6 +247,6 @@ class Problem:
         scene = self.scene
         once = scene.stop_at_rest and not (scene.jolts or scene.inlets)
         longest = OUTPUT_INTERVAL * self.fall_time if once else scene.until
-        interval = max(INSTANT, min(scene.until / 100.0, longest))
+        interval = max(INSTANT, min(scene.until / OUTPUTS, longest))
         power = 10.0 ** np.floor(np.log10(interval))
         return float(min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(np.log(value / interval))))

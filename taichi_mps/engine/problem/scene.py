@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import InstanceOf
@@ -19,9 +20,15 @@ from .materials import AnyMaterial
 from .measures import GuardedMeasure, Snapshot, mirrored, revolved
 from .scene_rules import RULES, complete_fields
 
-SceneText, SceneFunction = instance(str, "text"), instance(Callable, "a function")
-SceneFlag = instance(bool | np.bool_, "True or False")
-SceneWalls = instance(Plane | Cylinder | Solid, "a tuple, each Plane or Cylinder or Solid", several=True)
+if TYPE_CHECKING:
+    from builtins import bool as SceneFlag, str as SceneText  # isort: skip
+
+    SceneFunction = Callable
+    SceneWalls = tuple[Plane | Cylinder | Solid, ...]
+else:
+    SceneText, SceneFunction = instance(str, "text"), instance(Callable, "a function")
+    SceneFlag = instance(bool | np.bool_, "True or False")
+    SceneWalls = instance(Plane | Cylinder | Solid, "a tuple, each Plane or Cylinder or Solid", several=True)
 
 
 @validated
@@ -333,7 +340,7 @@ class Scene:
         """
         return [jolt for jolt in self.jolts if jolt.changes(time)]
 
-    def jolted(self, x, time: float | None = None) -> float:
+    def jolted(self, x: np.ndarray, time: float | None = None) -> float:
         """Return the largest speed that jolts give to particles.
 
         Parameters

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...units import Arch, Count, Flag, SceneError, validated
+from ...units import Arch, Count, Flag, SceneError, T, validated
 from .caches import kernels
 from .memory import ShortOfMemoryError, left_by_process_limits, size
 from .workarounds import LANGUAGE, OPTIONS, compiled_now, for_kernels, in_own_memory, is_for_kernels, sine_by_f32, ti
@@ -177,7 +177,7 @@ def started() -> dict:
     return dict(session().settings)
 
 
-def in_session(method):
+def in_session(method: T) -> T:
     """Guard a method of an object with a ``session``: refuse an outdated session, and admit one thread at a time.
 
     Parameters

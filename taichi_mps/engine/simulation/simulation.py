@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
-from pydantic import InstanceOf
+from pydantic import InstanceOf, SkipValidation
 
 from ...units import INSTANT, Duration, Flag, Instant, quote, require, validated
 from ..particles.neighbors import CapacityError, EscapedError
 from ..problem.measures import Snapshot
+from ..problem.numerics import Implicit, SemiImplicit
 from ..problem.problem import Problem
+from ..problem.scene import Scene
 from ..problem.time_step import Speeds
 from ..runtime.backend import in_session, require_room, require_thread, session
 from ..runtime.stages import Execution
@@ -65,7 +67,12 @@ class Simulation:
     """
 
     @validated
-    def __init__(self, scene, numerics=None, profile: Flag = False):
+    def __init__(
+        self,
+        scene: SkipValidation[Scene | Problem],
+        numerics: SkipValidation[Implicit | SemiImplicit | None] = None,
+        profile: Flag = False,
+    ):
         self.session = session()
         self._begin(scene if isinstance(scene, Problem) else Problem(scene, numerics))
         scene = self.scene
@@ -74,7 +81,8 @@ class Simulation:
         self._pairs_per_particle = pairs_of(scene)
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
         self._build()
-        self.time, self.steps, self.report = 0.0, 0, None
+        self.time, self.steps = 0.0, 0
+        self.report: StepReport | None = None
         self._interrupted = self._compiled = False
         self._last_dt = None
         self._volume = float(scene.volumes.sum())  # of the fluid that is there [m3]

@@ -38,7 +38,7 @@ class ExplicitViscosity(Term):
         d, capacity = self.dimension, self.capacity
         self.newtonian = material.newtonian
         self.density, self.eta, self.tau_y = material.density, material.plastic_viscosity, material.yield_value
-        self.pi_c = 0.1 if material.critical_strain_rate is None else material.critical_strain_rate
+        self.pi_c, self.largest_possible = material.softened_rate, material.unyielded_viscosity
         self.laplacian_scale = 2.0 * d / (fluid.lattice.lam * fluid.lattice.n0)
         self.u_star = ti.Vector.field(d, real(), capacity)  # newest u* [m/s]
         self.lap_u = ti.Vector.field(d, real(), capacity)  # lap u^k [1/(m s)]
@@ -49,11 +49,6 @@ class ExplicitViscosity(Term):
         self.partial = double_field((capacity + BLOCK - 1) // BLOCK, 3)
         self.error = double_field()  # relative change of u* in the last direct iteration [-]
         self.largest = ti.field(real(), ())  # largest apparent viscosity of the last iteration [Pa s]
-
-    @property
-    def largest_possible(self) -> float:
-        """eta + tau_y/(2 pi_c) [Pa s]: the apparent viscosity of unyielded material (eqs 2, 3, 9)."""
-        return self.eta if self.newtonian else self.eta + self.tau_y / (2.0 * self.pi_c)
 
     def stable_step(self, diffusion_number: float, spacing: float, viscosity: float) -> float:
         """dt [s] with nu dt/l0^2 = diffusion number."""
