@@ -227,7 +227,7 @@ def test_a_tool_path_is_read_in_all_its_modes(written):
     ("text", "message"),
     [
         (FLAT + "G2 X50 Y50 I25 E130\n", "line 11: G2: its end does not lie on its circle"),
-        (FLAT + "G03 X50 R5\n", "line 11: G3: R must be at least half of the way to its end"),
+        (FLAT + "G03 X50 R 5\n", "line 11: G3: R must be at least half of the way to its end"),
         (FLAT + "G1 X50 Z90 E130\n", "line 11: G1: lays a bead that rises; must rise by less than 45 degrees"),
         (FLAT + "G92 X0\n", "line 11: G92: moves the origin, is not known"),
         (FLAT + "M221 S105\n", "line 11: M221: a share of the flow, is not known"),
