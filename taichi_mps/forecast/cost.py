@@ -127,11 +127,13 @@ def level_of(scene, volume):
 def own_step(problem: Problem, settles: bool = False) -> float:
     """Longest step [s] in a slow flow; ``settles``: when it only settles. That of ``semi-implicit`` is bound by the
     diffusion number of unyielded material, as soon as there is any."""
-    rule, numerics, mix = problem.time_step, problem.numerics, problem.scene.material
     if problem.scheme == "implicit":
-        return rule.slow_step if settles else rule.longest
-    kinematic = mix.unyielded_viscosity / mix.density
-    return min(numerics.max_time_step, numerics.diffusion_number * problem.scene.spacing**2 / kinematic)
+        return problem.time_step.slow_step if settles else problem.time_step.longest
+    numerics, mix = problem.numerics, problem.scene.material
+    return min(
+        numerics.max_time_step,
+        numerics.diffusion_number * problem.scene.spacing**2 * mix.density / mix.unyielded_viscosity,
+    )
 
 
 def seconds_of_a_step(particles, at_end: int):
