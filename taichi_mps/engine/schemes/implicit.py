@@ -134,9 +134,9 @@ class ImplicitScheme(Scheme):
     # ---- its parts, stages in their order --------------------------------------------------------------------------
     def predict(self, dt, first):
         """Set pressure, viscosity and resistances from the last velocity, and the correction of the resistances."""
+        self.pressure.find_closed_box(int(self.active_set.is_full_step and self.may_be_full))
         self.pressure.smooth(dt)
         self.friction.set_initial_slip(dt)
-        self.pressure.find_closed_box(int(self.active_set.is_full_step and self.may_be_full))
         self.wall_stress.set_driving_force()
         self.strain_rate.evaluate(dt)
         self.stress.set_viscosity()

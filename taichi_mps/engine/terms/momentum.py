@@ -228,7 +228,7 @@ class MomentumSource(Term):
                 inertia_and_weight = volume * (self.operator.inertia[i] * self.particles.u[i] + weight)
                 b[i] += inertia_and_weight + self.sums.force(i)
                 if ti.static(len(self.walls.surfaces) > 0):
-                    heavy = weight * self.constants.pressure_ramp(self.pressure.p[i])
+                    heavy = weight * self.pressure.hydrostatic_fraction(self.pressure.p[i])
                     size = self.gradient.cross_section_ratio(i)
                     b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], size)
                 b[i] += volume * self.wall_stress.force(i)
