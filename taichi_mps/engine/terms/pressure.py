@@ -45,7 +45,7 @@ class Pressure(Term):
         ``fraction``, f the ``hydrostatic_fraction`` of p_i. Where i carries none it stays p_i."""
         x = self.particles.x[i]
         total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
-        density_i = self.constants.density[self.constants.mix(i)]
+        density_i = self.constants.head_density(i)
         g = ti.cast(self.constants.gravity_at(i), float) * self.hydrostatic_fraction(pressure[i])
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
