@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-BUDGETS = {"taichi_mps": 13_270, "benchmarks and validation": 3_810, "tests": 10_700}
+BUDGETS = {"taichi_mps": 13_965, "benchmarks and validation": 3_810, "tests": 10_970}
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 
 

@@ -18,7 +18,7 @@ else:
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
-THEORY = ["semi_implicit", "implicit", "walls", "steps"]
+THEORY = ["semi_implicit", "implicit", "walls", "grains", "steps"]
 OWN = {"functions": "Functions of the equations", "tests": "Tests of the equations"}  # pages written here
 NAME = re.compile(r"^::: taichi_mps\.(\S+)$", re.M)
 LINKED = re.compile(r"\(api/(\w+)\.md#([\w.]+)\)")

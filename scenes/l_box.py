@@ -35,14 +35,14 @@ def scene(
     sides: Literal["smooth", "rough"] = "smooth",
     lift_speed: Speed | None = None,
     until: Duration = 4.0,
-    model: Literal["half"] = "half",
+    model: Literal["half", "full"] = "half",
 ) -> mps.Scene:
     """The vessel of l_flow with a far wall at ``length`` [m] and upright bars, evenly spaced, behind the gate."""
     if not length > COLUMN + 2 * BAR_POSITION:
         raise mps.SceneError(
             f"length = {length:g} m: must be greater than {COLUMN + 2 * BAR_POSITION:g} m, column and bars"
         )
-    keywords = dict(spacing=spacing, width=width, sides=sides, lift_speed=lift_speed, until=until)
+    keywords = dict(spacing=spacing, width=width, sides=sides, lift_speed=lift_speed, until=until, model=model)
     keywords |= dict(column_height=height, opening=OPENING, channel_length=length - COLUMN)
     vessel = catalogue.build("l_flow", **keywords, **material.model_dump())
     walls, outline, count, half = vessel.walls, (), 0 if bars == "none" else int(bars), 0.5 * width
@@ -50,7 +50,7 @@ def scene(
     if count:
         clear = (width - count * BAR_DIAMETER) / (count + 1)
         across = -half + clear + 0.5 * BAR_DIAMETER + (clear + BAR_DIAMETER) * np.arange(count)
-        places = [(x, y) for y in across if y > -1e-9]
+        places = [(x, y) for y in across if y > -1e-9 or model == "full"]
         walls += (
             mps.Solid.bars(places, 0.5 * BAR_DIAMETER, (-reach, OPENING), 0.4 * BAR_DIAMETER, reach, name="bars"),
         )
@@ -87,7 +87,7 @@ def scene(
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert 0.0 <= measures["h2_m"] < height and measures["h1_m"] < height + spacing, measures
         if material.yields and not material.ages and s.speed.max() < 0.01:
-            area = len(vessel.fluid) * spacing**3 / half
+            area = len(vessel.fluid) * spacing**3 / (width if model == "full" else half)
             between = width if sides == "rough" else None
             at, h = mps.rest_shapes.channel_at_rest(area, material.density, material.yield_value, between, length)
             h1, h2 = np.interp([COLUMN - 0.5 * RULE, length - 0.5 * RULE], at, h, right=0.0)

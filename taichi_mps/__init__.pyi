@@ -21,6 +21,7 @@ from .engine.geometry.walls import box_planes as box_planes
 from .engine.geometry.walls import vessel as vessel
 from .engine.particles.neighbors import CapacityError as CapacityError
 from .engine.problem import measures
+from .engine.problem.grains import Grains as Grains
 from .engine.problem.inlet import Inlet as Inlet
 from .engine.problem.jolt import Jolt as Jolt
 from .engine.problem.materials import Bingham as Bingham

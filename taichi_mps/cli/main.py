@@ -23,6 +23,7 @@ from ..io.vtkhdf import Trajectory
 from ..units import INSTANT, SceneError, plain, quote, require, suggestion, user_path
 from .case_file import NOT_IN_CASE, case_text, expand_case_file
 from .drawing import Drawing
+from .grains import chosen_for, grains_of, with_grains
 from .options import (
     BAD_INPUT,
     DONE,
@@ -55,7 +56,13 @@ from .run import (
 WITHOUT_REST = 5.0  # time limit [s] of a scene without one, with the scheme that does not come to rest
 RUN = {"run": {"help": "run folder"}} | JSON
 SCENE = {"--scene": {"help": "the Python file of the scene, where it is not a built-in one"}}
-KEPT_OPTIONS = ["scheme", "precision", "out", "overwrite"]  # options of a run that resume cannot change
+KEPT_OPTIONS = [
+    "scheme",
+    "precision",
+    "out",
+    "overwrite",
+    *(name for name in Run.model_fields if name.startswith("grains")),
+]  # options of a run that resume cannot change
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
@@ -83,7 +90,11 @@ def planned(name, argv):
         require(options.scheme == "implicit", f"{choose} the scheme implicit; must be left out")
         if {"model", "spacing"} <= keywords.keys():
             print(f"taichi-mps: {choose} a run without them; has no effect here", file=sys.stderr)
-    scene = catalogue.build(arguments.scene, **keywords)
+    grains = grains_of(options)
+    if grains:
+        require("accuracy" not in keywords, "accuracy: no data with grains; must be left out, or without grains")
+        keywords = chosen_for(grains, keywords, parameters)
+    scene = with_grains(catalogue.build(arguments.scene, **keywords), options)
     for key in (key for key in keywords if is_tuple(parameters.model_fields[key])):
         read_back(key, scene.parameters[key], parameters.model_fields[key])
     if options.until:
@@ -159,7 +170,7 @@ def resume(arguments) -> int:
             complete(folder, drawing)
             return show_end(summary, folder, options.quiet, arguments.json)
         scene = state.scene(options.until, arguments.scene)
-        scene = replace(scene, until=options.until or scene.until)
+        scene = with_grains(replace(scene, until=options.until or scene.until), options)
         is_over = scene.until <= passed + INSTANT
         require(
             not (is_over and unused), f"{unused}: nothing is left to compute; must be left out, or with a later until"

@@ -19,6 +19,7 @@ from ..units import (
     Arch,
     Checked,
     Count,
+    Density,
     Duration,
     Ratio,
     SceneError,
@@ -26,6 +27,7 @@ from ..units import (
     notes,
     plain,
     quote,
+    real,
     require,
     suggestion,
     unit_of,
@@ -122,6 +124,7 @@ class Workers(Checked):
     )
 
 
+FrictionCoefficient = real("-", ge=0.0, le=10.0)
 Caption = Annotated[str, AfterValidator(plain)]
 
 
@@ -144,6 +147,13 @@ class Run(Pictures):
     overwrite: bool = Field(False, description="replace the run that is in the folder")
     pictures: bool = Field(True, description="draw pictures, animation and report when the result is there")
     profile: bool = Field(False, description="show the time that each stage took")
+    grains: str | None = Field(
+        None, description="diameter of grains in the mortar, 12mm, or a grading by volume, 8mm:0.4+16mm:0.6"
+    )
+    grains_volume: Ratio | None = Field(None, description="volume of the grains over that of the body, at most 0.35")
+    grains_density: Density | None = Field(None, description="density of the stone, by default 2650 kg/m3")
+    grains_friction: FrictionCoefficient | None = Field(None, description="coefficient of friction of the grains")
+    grains_seed: Count | None = Field(None, description="number from which the places of the grains follow")
     quiet: bool = Field(False, description="no progress and no result on the screen")
     verbose: bool = Field(
         False, description="show the parts of the time and the numerics, too: steps, iterations, volume error"
@@ -282,6 +292,8 @@ def group_of(name: str, model) -> str:
         return "accuracy and cost"
     if name in EXPERT or model in NUMERICS.values():
         return "expert"
+    if name.startswith("grains"):
+        return "mix"
     if issubclass(model, Pictures):
         return "output" if name != "until" else "test"
     return "mix" if name in MIX else "test"

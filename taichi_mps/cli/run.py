@@ -29,6 +29,7 @@ from ..report.sentences import (
     closing,
     duration_by_part,
     duration_text,
+    grains,
     numerics,
     rows,
     thin_solids,
@@ -66,7 +67,8 @@ def describe_run(problem, clock, verbose=False) -> list[str]:
     pours = f"Pours {1e3 * sum(inlet.volume for inlet in scene.inlets):.3g} l. " if scene.inlets else ""
     parts = f"{duration_by_part(clock.expected, clock.cpu_seconds)}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps"
     takes = f"Takes about {parts if verbose else duration_text(clock.whole)}{'; shorter the next time' * clock.cold}."
-    return [f"{what}; about {needed} of memory.", pours + takes, certainty(facts), *thin_solids(facts)]
+    told = [certainty(facts), *thin_solids(facts), *grains(facts)]
+    return [f"{what}; about {needed} of memory.", pours + takes, *told]
 
 
 def require_slump(scene) -> None:

@@ -22,6 +22,7 @@ from .particles.neighbors import CapacityError as CapacityError
 from .particles.particles import DUMMY as DUMMY
 from .particles.particles import FLUID as FLUID
 from .particles.particles import WALL as WALL
+from .problem.grains import Grains as Grains
 from .problem.inlet import Inlet as Inlet
 from .problem.jolt import Jolt as Jolt
 from .problem.materials import COMMON_NUMBERS as COMMON_NUMBERS

@@ -233,6 +233,13 @@ class Checkpoint:
             np.all((mix >= 0) & (mix < mixes)),
             f"checkpoint: mix: must be from 0 to {mixes - 1}, the mixes of the scene",  # a kernel would read beyond
         )
+        slot, members = np.sort(self.state.get("slot", np.zeros(0))), 0
+        if scene.grains:
+            members = int((scene.grain_places[0] > 0).sum())
+        require(
+            np.array_equal(slot[slot != 0], 1 + np.arange(members)),
+            f"checkpoint: slot: must have each of the {members} particles in grains of the scene once",
+        )
         layers, poured = [inlet.layers(scene.spacing) for inlet in scene.inlets], self.state.get("pouring", [])
         require(
             isinstance(poured, list) and len(poured) == len(layers) and all(map(possible, poured, layers)),

@@ -115,7 +115,10 @@ def row_of(sim, measures: dict) -> dict:
     if sim.report is not None:
         return measures | {key: getattr(sim.report, REPORT_ATTRIBUTES.get(key, key)) for key in keys}
     s = sim.snapshot()
-    masses = np.array([m.density for m in sim.scene.materials])[s.mix] * sim.scene.volumes_at(s.x)
+    densities = np.array([m.density for m in sim.scene.materials])[s.mix]
+    if sim.scene.grains:
+        densities[s.grain > 0] = sim.scene.grains.density
+    masses = densities * sim.scene.volumes_at(s.x)
     totals = {"max_speed_m_s": float(s.speed.max()), "kinetic_energy_J": 0.5 * float((masses * s.speed**2).sum())}
     return measures | dict.fromkeys(keys, 0.0) | totals | {"unyielded_fraction": 1.0 - s.yielded.mean()}
 

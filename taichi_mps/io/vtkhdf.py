@@ -26,6 +26,7 @@ PARTICLE_DATASETS = "VTKHDF/Points", "VTKHDF/PointData/"  # datasets with a row 
 FIELDS = {  # scalars of particles, {name in a Snapshot: (name in the file, type in the file, type in a Snapshot)}
     "yielded": ("yielded", np.uint8, bool),
     "mix": ("mix", np.uint8, np.int32),
+    "grain": ("grain", np.int32, np.int32),
     "p": ("pressure", np.float32, np.float32),
     "shear_rate": ("shear_rate", np.float32, np.float32),
     "density_ratio": ("density_ratio", np.float32, np.float32),
@@ -100,6 +101,7 @@ class Trajectory:
                 root[f"{part}/Connectivity"] = np.arange(used)
                 root[f"{part}/Offsets"] = np.arange(used + 1)
             constant = {"size": not scene.axisymmetric and not inlets, "mix": len(scene.materials) == 1}
+            constant["grain"] = not s.grain.any()
             for name, rows in output_rows(s, 0, n, [name for name in point_data(s) if not constant.get(name)]).items():
                 chunk, shape = min(n, 1 << 16) if name.startswith(PARTICLE_DATASETS) else 256, rows.shape[1:]
                 room = {"maxshape": (None, *shape), "chunks": (chunk, *shape)}
@@ -315,6 +317,7 @@ class Trajectory:
             low, high = np.array(scene.domain, float)
             room = high - low  # a particle leaves the domain by less than that before the run ends
             defaults = {"size": np.full(n, scene.spacing), "mix": np.zeros(n, np.int32)}
+            defaults["grain"] = defaults["mix"]
             for time, points, data in stored_outputs(file, chosen):
                 data = defaults | data
                 if points.shape != (n, 3) or any(
@@ -510,8 +513,11 @@ def point_data(s: Snapshot) -> dict[str, np.ndarray]:
     Returns
     -------
     dict of str to ndarray
-        velocity [m/s], pressure [Pa], shear_rate [1/s], yielded (0 or 1), density_ratio [-], size [m] and mix.
+        velocity [m/s], pressure [Pa], shear_rate [1/s], yielded (0 or 1), density_ratio [-], size [m] and mix, and
+        with grains the number of the grain.
     """
     return {"velocity": embed_single(s.u)} | {
-        name: np.asarray(getattr(s, key), kind) for key, (name, kind, _) in FIELDS.items()
+        name: np.asarray(getattr(s, key), kind)
+        for key, (name, kind, _) in FIELDS.items()
+        if key != "grain" or s.grain.any()
     }

@@ -34,7 +34,8 @@ PARTS = {"ready": "making ready", "pictures": "last pictures", "report": "pictur
 
 def answer(summary: dict) -> list[str]:
     """Sentences on the flow of a run: its results, the reason of its end, doubts, expected errors."""
-    return [measured(summary), ending(summary), *doubts(summary), *thin_solids(summary), certainty(summary)]
+    known = [*doubts(summary), *thin_solids(summary), *grains(summary), certainty(summary)]
+    return [measured(summary), ending(summary), *known]
 
 
 def closing(summary: dict, folder) -> list[str]:
@@ -100,8 +101,23 @@ def thin_solids(summary) -> list[str]:
     return found
 
 
+def grains(summary) -> list[str]:
+    """Sentence on the grains, if there are some: the mix is then the mortar between them."""
+    found = summary.get("grains")
+    if not found:
+        return []
+    sizes = " and ".join(f"{1e3 * size:.3g}" for size in found["diameters_m"])
+    taken = f"take {100.0 * found['volume_fraction']:.1f} % of the volume"
+    mortar = "the mix is the mortar between them, not the concrete"
+    return [f"{found['number']:,} rigid grains of {sizes} mm {taken}; {mortar}."]
+
+
 def certainty(summary) -> str:
     """Sentence on the expected error from the table of measured errors, or that the table does not cover the run."""
+    if summary.get("grains"):
+        return (
+            "How accurate this is is not known: no data with grains; compare it with other seeds and a smaller spacing."
+        )
     found = accuracy.errors_of_run(summary)
     if found is None:
         return "How accurate this is was not measured for such a run; compare it with one of half the particle size."

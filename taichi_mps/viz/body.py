@@ -59,7 +59,7 @@ def smooth_surface(s: Snapshot, cube: float = SURFACE_CELL, fields=FIELDS) -> tu
     whole = {name: at.get(name, 0.0 * points if name == "u" else zero) for name in FIELDS}
     whole["yielded"] = whole["yielded"] > 0.5
     whole["mix"] = np.argmax([at[f"mix {k}"] for k in mixes], axis=0) if len(mixes) else zero.astype(int)
-    vertices = replace(s, x=points, size=zero + s.spacing, **whole)
+    vertices = replace(s, x=points, size=zero + s.spacing, grain=None, **whole)
     return vertices, at["normals"], np.asarray(made.mesh.triangles).astype(np.int64)
 
 

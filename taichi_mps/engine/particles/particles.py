@@ -68,7 +68,7 @@ class Particles:
             return double_field(self.capacity, d) if name == "x" else makers[specs[name].shape]()
 
         self.carried = {name: make(name) for name in specs}
-        self.carries_stress = "stress" in specs
+        self.carries_stress, self.has_grains = "stress" in specs, "slot" in specs
         buffer = {name: make(name) for name in specs}  # scratch of the reorder
         self.buffers = [(field, buffer[name]) for name, field in self.carried.items()]
         for name, field in self.carried.items():
@@ -109,6 +109,14 @@ class Particles:
             entered = np.broadcast_to(new.get(name, 0.0), (m, *values.shape[1:]))
             state[name] = np.concatenate([values, entered])
         self.load(state)
+
+    @ti.func
+    def in_grain(self, i):
+        """Whether particle i is of a grain."""
+        grain = False
+        if ti.static(self.has_grains):
+            grain = self.slot[i] > 0
+        return grain
 
     @ti.func
     def volume(self, i):

@@ -25,6 +25,7 @@ def scheme_supports_the_law(problem):
     """The paper's scheme supports Bingham's law only, without internal friction and without jolts."""
     material = problem.scene.material
     if problem.scheme == "semi-implicit":
+        require(not problem.scene.grains, "grains: the scheme semi-implicit has none; must be implicit")
         require(not problem.scene.jolts, "jolts: the scheme semi-implicit has none; must be implicit")
         require(
             not material.curved,
@@ -63,6 +64,7 @@ def walls_suit_the_scheme(problem):
             "scheme implicit with walls = surfaces",
         )
         of_surfaces = {
+            "has grains": problem.scene.grains,
             "is axisymmetric": scene.axisymmetric,
             "has an inlet": scene.inlets,
             "has a mirror plane": scene.mirrors,

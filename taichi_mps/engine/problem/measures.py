@@ -18,7 +18,7 @@ AXIS_PARTICLE = (0.75, 1.0)
 
 HorizontalPoint, HorizontalPoints = array("m", (1,), (2,)), array("m", (None, 1), (None, 2))
 Values = array("", (None,))
-SCALARS = "p", "shear_rate", "yielded", "density_ratio", "size", "mix"  # scalar fields of particles
+SCALARS = "p", "shear_rate", "yielded", "density_ratio", "size", "mix", "grain"  # scalar fields of particles
 
 
 @validated
@@ -50,6 +50,8 @@ class Snapshot:
         Side of each particle's square or cube [m], l0 by default.
     mix : ndarray of int, shape (n,), optional
         Number of the mix, 0 by default.
+    grain : ndarray of int, shape (n,), optional
+        Number of the grain, from 1; 0 of mortar, by default.
     loads : dict of str to Load, optional
         Forces and torques on the walls by name, where the scene computes them.
 
@@ -72,17 +74,19 @@ class Snapshot:
     wall_x: points("m")
     size: np.ndarray | None = None
     mix: np.ndarray | None = None
+    grain: np.ndarray | None = None
     loads: dict[str, Load] = field(default_factory=dict)
 
     def __post_init__(self):
-        for name in ("u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix"):
+        for name in ("u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix", "grain"):
             value = getattr(self, name)
             fits = value is None or np.shape(value)[:1] == np.shape(self.x)[:1]
             require(fits, f"{name} of shape {np.shape(value)}: must have {len(self.x)} rows, as x has")
         if self.size is None:
             object.__setattr__(self, "size", np.full(len(self.x), self.spacing))
-        if self.mix is None:
-            object.__setattr__(self, "mix", np.zeros(len(self.x), np.int32))
+        for name in ("mix", "grain"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(len(self.x), np.int32))
 
     @property
     def speed(self) -> np.ndarray:

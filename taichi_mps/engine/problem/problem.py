@@ -94,6 +94,19 @@ class Problem:
         return "yield-stress" if yielding[0].critical_strain_rate is None else "bi-viscosity"
 
     @property
+    def held_density(self) -> float:
+        """Density whose weight a mean pressure gradient holds [kg/m3], 0 of none.
+
+        That of mortar and grains together in a box that is periodic along gravity and has grains; what is all fluid
+        falls freely there.
+        """
+        scene, down = self.scene, self.scene.gravity_vector != 0.0
+        if not (scene.grains and down.any() and np.all(np.array(scene.periodic)[down])):
+            return 0.0
+        part = float((scene.grain_places[0] > 0).mean())
+        return part * scene.grains.density + (1.0 - part) * scene.material.density
+
+    @property
     def wall_loads(self) -> bool:
         """Whether force and torque on the walls are computed."""
         return self.scene.wall_loads or getattr(self.numerics, "wall_loads", False)
@@ -200,6 +213,8 @@ class Problem:
             "scheme": self.scheme,
             "numerics": self.numerics.model_dump(),
         }
+        if grains := self.scene.grains:
+            facts["grains"] = grains.facts(self.scene.grain_places[0], self.scene.spacing, self.scene.dimension)
         return facts | ({"thin_solids_m": self.thin_solids} if self.thin_solids else {})
 
     def may_be_full(self, to_come: int = 0) -> bool:

@@ -14,6 +14,7 @@ from ..geometry.in_time import TimeDependent, table_of_time
 from ..geometry.shapes import Cone
 from ..geometry.solid import Solid
 from ..geometry.walls import Cylinder, Plane
+from .grains import Grains
 from .inlet import MIN_GAP, Inlet, buried
 from .jolt import Jolt
 from .materials import AnyMaterial
@@ -93,6 +94,8 @@ class Scene:
         Convex faces of the whole vessel, drawn as glass [m].
     parameters : dict, optional
         Keywords that the scene was made from, for the summary.
+    grains : Grains, optional
+        Coarse aggregate in the fluid, which is then the mortar; scheme ``implicit``.
 
     Raises
     ------
@@ -139,6 +142,7 @@ class Scene:
     vessel: tuple[array("m", (None, 3)), ...] = ()
     parameters: instance(dict, "a dict") = field(default_factory=dict)
     jolts: instance(Jolt, "a tuple, each Jolt", several=True) = ()
+    grains: instance(Grains, "Grains") | None = None
 
     def __post_init__(self):
         taken = complete_fields(self)
@@ -186,7 +190,19 @@ class Scene:
                 u = np.tile(inlet.velocity(self.spacing), (len(x), 1))
                 parts.append((x, u, np.full(len(x), self.mix_of(inlet))))
         x, u, mix = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        return {"x": x, "u": u, "mix": mix}
+        start = {"x": x, "u": u, "mix": mix}
+        if self.grains:
+            number = self.grain_places[0]
+            start["slot"] = np.zeros(len(number), int)
+            start["slot"][np.argsort(number, kind="stable")] = np.maximum(
+                0, 1 + np.arange(len(x)) - (number == 0).sum()
+            )
+        return start
+
+    @property
+    def grain_places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Number (n,) of the grain of each particle, 0 of mortar; centres (g, d) [m]; radii (g,) [m] at 0 s."""
+        return self.grains.places(self.fluid, self.spacing, self.domain, self.periodic)
 
     @property
     def initial(self) -> np.ndarray:

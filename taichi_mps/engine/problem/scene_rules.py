@@ -9,6 +9,7 @@ import warnings
 import numpy as np
 
 from ...units import SceneError, require
+from .grains import GOOD_ACROSS, LEAST_ACROSS
 
 MAX_MIXES = 256  # numbers of mixes are bytes
 RIGHT_ANGLE_COSINE = 1e-6  # largest cosine of an angle that counts as a right one
@@ -171,7 +172,40 @@ def jolts_keep_the_symmetry(scene):
             require(across <= RIGHT_ANGLE_COSINE, f"{mirror_text(mirror)}: {given} and its turn must lie in the plane")
 
 
+def grains_are_supported(scene):
+    """Grains are in a body that is whole and there at 0 s, each three spacings or more across and in its fluid."""
+    if not scene.grains:
+        return
+    for what, there in {
+        "an inlet: its concrete brings none; must be a scene without": scene.inlets,
+        "mirror planes, which would cut them; must be the whole body, model full where there is one": scene.mirrors,
+        "rings, which would cut them; must be axisymmetric = False": scene.axisymmetric,
+        "a jolt; must be a scene without": scene.jolts,
+        "a wall with friction; must be without": any(wall.friction for wall in scene.walls),
+        "a unilateral wall; must be without": any(wall.loose for wall in scene.walls),
+    }.items():
+        require(not there, f"grains: the scene has {what}")
+    require(
+        scene.grains.centres is None or scene.grains.centres.shape[1] == scene.dimension,
+        f"grains: centres of shape {np.shape(scene.grains.centres)}: must have {scene.dimension} coordinates",
+    )
+    smallest = float(scene.grains.diameters.min())
+    across = smallest / scene.spacing + 1e-9
+    require(
+        across >= LEAST_ACROSS,
+        f"grains: diameter = {smallest:g} m: is {across:.2g} spacings across; must be {LEAST_ACROSS:g} or more: "
+        f"spacing = {smallest / GOOD_ACROSS:g} m",
+    )
+    if across < GOOD_ACROSS:
+        warnings.warn(
+            f"grains: diameter = {smallest:g} m is {across:.2g} spacings across; {GOOD_ACROSS:g} or more are better",
+            stacklevel=4,
+        )
+    _ = scene.grain_places  # placed now, or refused
+
+
 RULES = (
+    grains_are_supported,
     walls_fit_the_scene,
     inlets_have_room,
     mixes_go_together,

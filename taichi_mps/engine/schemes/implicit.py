@@ -14,6 +14,7 @@ from ..particles.particles import Carried
 from ..runtime.field_io import FieldIO
 from ..runtime.stages import ONE_THREAD_BELOW_ROWS, NoOp, repeat
 from ..terms.constants import Constants
+from ..terms.contact import Contacts
 from ..terms.hourglass import DeferredCorrection, HourglassResistance
 from ..terms.interface import Interface
 from ..terms.momentum import MomentumOperator, MomentumSource, VelocitySolve
@@ -21,6 +22,7 @@ from ..terms.momentum_drift import MomentumDrift, free_directions
 from ..terms.motion import Motion
 from ..terms.pressure import FULL_STRAIN, Pressure, VolumeConstraint
 from ..terms.residuals import Residuals
+from ..terms.rigid import Rigid
 from ..terms.shifting import RELAXATION_SHIFTS, Shifting, is_uneven
 from ..terms.standstill import Standstill
 from ..terms.stress import SolvedRate, StrainRate, Stress
@@ -51,8 +53,14 @@ class ImplicitScheme(Scheme):
         self.may_be_full = problem.may_be_full(to_come)
         # in a step the matrix changes with a viscosity that depends on the velocity, and with the friction of walls
         self.assembles_again = problem.law == "bi-viscosity"
-        continues = not (self.assembles_again or walls.have_friction)
+        # and with the contacts of grains
+        continues = not (self.assembles_again or walls.have_friction or scene.grains)
 
+        self.rigid = NoOp("drift", "find", "project", "keep")
+        self.contacts = NoOp("find", "load", "update", "add_loads", "load_state", state=dict)
+        if scene.grains:
+            self.rigid = self.term(Rigid, problem=problem)
+            self.contacts = self.term(Contacts, grains=scene.grains)
         self.pressure = self.term(Pressure)
         self.strain_rate = self.term(StrainRate)
         self.solved_rate = self.term(SolvedRate)
@@ -70,13 +78,13 @@ class ImplicitScheme(Scheme):
         self.source = self.term(MomentumSource)
         self.velocity = self.term(VelocitySolve, continues=continues)
         self.friction = self.term(WallFriction) if walls.have_friction else NoOp("set_initial_slip", "update_slip")
-        self.wall_loads = NoOp("evaluate", read=lambda _count: {})
+        self.wall_loads = NoOp("evaluate", read=lambda _count: {}, numbers=())
         if problem.wall_loads:
             first = len(walls.surfaces) - len(scene.walls)  # the axis of rings comes before the walls of the scene
             self.wall_loads = self.term(WallLoads, measured=[first + k for k in scene.measured_walls.values()])
         self.momentum_drift = NoOp("restore")
         if drifts:
-            turns = not (scene.walls or scene.jolts or any(scene.periodic or ()))
+            turns = not (scene.walls or scene.jolts or any(scene.periodic or ()) or scene.grains)
             self.momentum_drift = self.term(MomentumDrift, directions=directions, turns=turns)
         self.motion = self.term(Motion)
         self.active_set = AllActive(fluid.neighbors)
@@ -104,12 +112,16 @@ class ImplicitScheme(Scheme):
         self.constants.set_time_step(dt)
         self.fluid.walls.move_to_middle(dt)
         self.motion.drift(dt)
+        self.rigid.drift(0.5 * dt)
         self.active_set.search(is_read)
         self.fluid.gradient.build()
+        self.rigid.find()
+        self.contacts.find(dt)
         self.predict(dt, first)
         self.constrain_volume(dt)
         self.assemble(dt)
         self.motion.guess(dt, u)
+        self.rigid.project(u)
         self.velocity.multiply_guess()
         if self.numerics.outer_tolerance:
             iterations = self.iterate_until_met(iterations, dt, viscous, u)
@@ -118,6 +130,7 @@ class ImplicitScheme(Scheme):
                 self.iterate(k, iterations, dt, viscous, u)
             self.residuals.measure()
         self.wall_loads.evaluate(u)
+        self.contacts.add_loads(self.wall_loads)
         self.shifting.compute(dt, FULL_STRAIN, 0.0)
         if self.shifting.shifts_in_tension:
             self.shifting.remove_mean_shift(dt, FULL_STRAIN)
@@ -126,6 +139,8 @@ class ImplicitScheme(Scheme):
         self.stress.advance(dt, u)
         self.pressure.keep()
         self.motion.advance(dt, u, first)
+        self.rigid.keep(u)
+        self.rigid.drift(0.5 * dt)
         self.first = False
         report = self.diagnostics.report(dt, iterations, self.active_set.left_out)
         self.active_set.end_step(dt)
@@ -134,9 +149,9 @@ class ImplicitScheme(Scheme):
     # ---- its parts, stages in their order --------------------------------------------------------------------------
     def predict(self, dt, first):
         """Set pressure, viscosity and resistances from the last velocity, and the correction of the resistances."""
+        self.pressure.find_closed_box(int(self.active_set.is_full_step and self.may_be_full))
         self.pressure.smooth(dt)
         self.friction.set_initial_slip(dt)
-        self.pressure.find_closed_box(int(self.active_set.is_full_step and self.may_be_full))
         self.wall_stress.set_driving_force()
         self.strain_rate.evaluate(dt)
         self.stress.set_viscosity()
@@ -160,6 +175,7 @@ class ImplicitScheme(Scheme):
     def iterate(self, k, iterations, dt, viscous, u):
         """Iteration k of the augmented Lagrangian (Uzawa), of so many."""
         self.source.evaluate(self.velocity.solver)
+        self.contacts.load(self.velocity.solver.b)
         self.velocity.solve(k, iterations, self.numerics.tolerance)
         self.update_multipliers(k, viscous, u)
         if self.assembles_again:
@@ -186,6 +202,7 @@ class ImplicitScheme(Scheme):
         self.pressure.update_multiplier(self.solved_rate, self.constraint)
         self.friction.update_slip(u)
         self.wall_stress.update_weight()
+        self.contacts.update(u)
 
     # ---- around the step ------------------------------------------------------------------------------------
     def relax(self) -> None:
@@ -245,19 +262,22 @@ class ImplicitScheme(Scheme):
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""
-        return {"first": self.first, "unmet": self.unmet} | self.active_set.state()
+        return {"first": self.first, "unmet": self.unmet} | self.active_set.state() | self.contacts.state()
 
     def load(self, state: dict) -> None:
         """Load the scalars of a saved state."""
         self.wall_loads.up_to_date = False
         self.first, self.unmet = state["first"], state.get("unmet", 0)
         self.active_set.load(state)
+        self.contacts.load_state(state)
 
 
 def carried(problem) -> dict[str, Carried]:
     """Fields that particles carry from step to step, by the law and the mixes of a problem."""
     fields = {"a": Carried("acceleration of the last step", "m/s2", "vector")}
     several = len(problem.materials) > 1
+    if problem.scene.grains:
+        fields["slot"] = Carried("place among the particles of grains, from 1; 0 of mortar", "-", "integer")
     if several:
         fields["mix"] = Carried("number of the mix", "-", "integer")
     if problem.law == "yield-stress":
@@ -273,8 +293,10 @@ def carried(problem) -> dict[str, Carried]:
 def may_stand(problem, particles, walls) -> bool:
     """Whether a part of the fluid may stand still while the rest flows and be left out of a step: with a true yield
     stress, with enough particles, and without unilateral walls."""
-    if problem.numerics.sleep == "off" or (
-        problem.numerics.sleep == "auto" and particles.capacity < ONE_THREAD_BELOW_ROWS
+    if (
+        problem.numerics.sleep == "off"
+        or problem.scene.grains
+        or (problem.numerics.sleep == "auto" and particles.capacity < ONE_THREAD_BELOW_ROWS)
     ):
         return False
     loose = any(wall.unilateral for wall in walls.surfaces)

@@ -23,6 +23,7 @@ from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
 from .facts import facts_of, judge
 from .frame import Frame, interpolate
+from .grain_state import GrainState
 from .memory import pairs_of, require_memory
 from .pouring import Pouring
 from .rest import Rest
@@ -250,6 +251,13 @@ class Simulation:
     def fluid_particles(self) -> int:
         """Number of fluid particles that are there now."""
         return self.particles.number - self.wall_particles
+
+    @property
+    @in_session
+    def grains(self) -> GrainState:
+        """Centres, velocities, spins, rotations and radii of the grains now; SceneError without grains."""
+        require(self.scene.grains, f"grains: scene {self.scene.name} has none; must be a Scene with grains")
+        return GrainState.of(self.scheme.rigid)
 
     @property
     def all_active(self) -> bool:

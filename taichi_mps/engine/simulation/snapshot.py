@@ -28,6 +28,7 @@ def snapshot(sim) -> Snapshot:
         wall_x=rows["x"][rows["kind"] != FLUID],
         size=ring_sizes(rows, sim.scene.spacing)[order] if sim.scene.axisymmetric else None,
         mix=rows["mix"][order] if "mix" in rows else None,
+        grain=sim.scheme.rigid.of_members[rows["slot"][order]] if "slot" in rows else None,
         loads=loads(sim.scene, rows, order) if sim.problem.wall_loads else {},
     )
 

@@ -70,6 +70,8 @@ class Constants:
         self.of_mix = [ti.field(real(), self.mixes) for _ in MIX_FIELDS]
         self.of_scene = [ti.field(real(), ()) for _ in SCENE_FIELDS]
         vars(self).update(zip((*MIX_FIELDS, *SCENE_FIELDS), self.of_mix + self.of_scene, strict=True))
+        grains = problem.scene.grains
+        self.grain_density, self.held_density = grains.density if grains else 0.0, problem.held_density  # [kg/m3]
         curved = [(k, m) for k, m in enumerate(problem.materials) if m.curved and m.from_fields]
         # by the number of a mix: numbers that its compiled flow curve reads
         self.laws = {k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=()) for k, m in curved}
@@ -158,7 +160,20 @@ class Constants:
     @ti.func
     def density_of(self, i):
         """Density of particle i [kg/m3]."""
-        return self.density[self.mix(i)]
+        density = self.density[self.mix(i)]
+        if ti.static(self.particles.has_grains):  # noqa: SIM102  (a compiled choice stays apart)
+            if self.particles.in_grain(i):
+                density = ti.cast(self.grain_density, float)
+        return density
+
+    @ti.func
+    def head_density(self, i):
+        """Density whose weight the pressure around particle i balances, that of the mortar where there are grains, less
+        what a mean pressure gradient holds [kg/m3]."""
+        density = self.density[self.mix(i)]
+        if ti.static(self.held_density > 0.0):
+            density -= ti.cast(self.held_density, float)
+        return density
 
     @ti.func
     def gravity_at(self, i):
@@ -171,7 +186,10 @@ class Constants:
     @ti.func
     def weight_of(self, i):
         """Weight of particle i by its volume [N/m3]."""
-        return self.density_of(i) * ti.cast(self.gravity_at(i), float)
+        density = self.density_of(i)
+        if ti.static(self.held_density > 0.0):
+            density -= ti.cast(self.held_density, float)
+        return density * ti.cast(self.gravity_at(i), float)
 
     @ti.func
     def pressure_ramp(self, p):

@@ -76,9 +76,14 @@ class HourglassResistance(Term):
             if ti.static(self.stress.mixes > 1):
                 mu = (h - thin_viscosity) / BOND_DISSIPATION
                 h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + thin_viscosity
+            if ti.static(self.particles.has_grains):  # noqa: SIM102
+                if not self.particles.in_grain(i):  # only mortar is strained
+                    h = (h - thin_viscosity) / self.stress.rigid.share[i] + thin_viscosity
             viscosity = ti.max(h, SETTLING * self.pressure.p[i] * dt)
             self.thin_viscosity[i], self.viscosity[i] = thin_viscosity, viscosity
             self.h[i] = 2.0 * self.particles.volume(i) * viscosity / self.gradient.full_weight(i)
+            if ti.static(self.particles.has_grains):
+                self.h[i] *= 1 - self.stress.rigid.mute[i]
 
     @ti.func
     def flowing(self):

@@ -10,6 +10,7 @@ positive definite.
 
 from ..linear.node_multigrid import NodeMultigrid
 from ..linear.pcg import PCG
+from ..linear.vectors import Jacobi
 from ..particles.particles import FLUID
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, no_op, sequence, stage
@@ -33,8 +34,8 @@ class MomentumOperator(Term):
     stay in one thread.
     """
 
-    def __init__(self, fluid, sums, constants, stress, resistance):
-        super().__init__(fluid, sums=sums, constants=constants, stress=stress, resistance=resistance)
+    def __init__(self, fluid, sums, constants, stress, resistance, contacts=None):
+        super().__init__(fluid, sums=sums, constants=constants, stress=stress, resistance=resistance, contacts=contacts)
         self.count, self.tensors, d = self.particles.count, self.particles.tensor_dimension, self.dimension
         self.inertia = ti.field(real(), self.capacity)  # rho/dt [kg/(m3 s)]
         # block Jacobi [s/kg], 0: no unknown; and inertia and walls, for coarse levels [kg/s]
@@ -50,8 +51,10 @@ class MomentumOperator(Term):
 
     @stage("apply")
     def multiply(self, u: ti.template(), y: ti.template()):
-        """y = A u [N], zero in wall rows."""
+        """y = A u [N], zero in wall rows; with grains P A P u and what their contacts add, for u = P u."""
         self._multiply(u, y, 0.0)
+        if ti.static(self.particles.has_grains):
+            self.contacts.constrain(u, y)
 
     @ti.func
     def _multiply(self, u: ti.template(), y: ti.template(), motion):
@@ -228,12 +231,31 @@ class MomentumSource(Term):
                 inertia_and_weight = volume * (self.operator.inertia[i] * self.particles.u[i] + weight)
                 b[i] += inertia_and_weight + self.sums.force(i)
                 if ti.static(len(self.walls.surfaces) > 0):
-                    heavy = weight * self.constants.pressure_ramp(self.pressure.p[i])
+                    heavy = self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
+                    heavy *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
                     size = self.gradient.cross_section_ratio(i)
                     b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], size)
                 b[i] += volume * self.wall_stress.force(i)
             else:
                 b[i] = ti.Vector.zero(float, self.dimension)
+
+
+@ti.data_oriented
+class Projected:
+    """Preconditioner z = P M^-1 r with the projector P of ``rigid`` (G2), positive definite on its range."""
+
+    def __init__(self, inner, rigid):
+        self.inner, self.rigid = inner, rigid
+
+    def build(self) -> None:
+        """Build the inner one."""
+        self.inner.build()
+
+    @sequence("cycle")
+    def apply(self, r, z):
+        """z = P M^-1 r of a residual in the range of P."""
+        self.inner.apply(r, z)
+        self.rigid.project(z)
 
 
 @ti.data_oriented
@@ -247,6 +269,8 @@ class VelocitySolve:
         self.operator, self.constants, self.continues = operator, operator.constants, continues
         capacity, bins = operator.particles.capacity, operator.neighbors.bins
         multigrid = NodeMultigrid(operator, bins) if capacity >= NodeMultigrid.MIN_ROWS else None
+        if operator.particles.has_grains:
+            multigrid = Projected(multigrid or Jacobi(operator), operator.contacts.rigid)
         self.solver = PCG(capacity, operator.dimension, operator, multigrid)
         self.velocity = self.solver.x  # [m/s]
         self.iterations = ti.field(ti.i32, ())  # of all solves of a step

@@ -56,9 +56,10 @@ class MomentumDrift(Term):
             for i in range(self.particles.count[None]):
                 if self.particles.kind[i] == FLUID:
                     m = ti.cast(self.particles.volume(i) * self.constants.density_of(i), ti.f64)
-                    momentum += m * (
-                        ti.cast(u[i], ti.f64) - ti.cast(self.particles.u[i], ti.f64) - dt * self.constants.gravity_at(i)
-                    )
+                    gain = ti.cast(u[i], ti.f64) - ti.cast(self.particles.u[i], ti.f64)
+                    if ti.static(self.constants.held_density == 0.0):
+                        gain -= dt * self.constants.gravity_at(i)
+                    momentum += m * gain
                     mass += m
             self.excess[None] = ti.cast(self.directions @ (momentum / mass), float)
         for i in range(self.particles.count[None]):

@@ -33,14 +33,20 @@ class Pressure(Term):
         self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
 
     @ti.func
+    def hydrostatic_fraction(self, p):
+        """f: fraction of its weight that a particle of pressure p [Pa] hands on hydrostatically [-]: it fades to zero
+        where p is below that of half a layer, for a body in free fall has no hydrostatic part. A full closed box cannot
+        fall, and its pressure is free up to a constant: there it is 1 everywhere."""
+        return ti.max(self.constants.pressure_ramp(p), ti.cast(self.full[None], float))
+
+    @ti.func
     def mean(self, i, fraction, pressure: ti.template()):
         """(1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w of a ``pressure``, over particles that carry stress, a the
-        ``fraction``; f fades to zero where p_i is below that of half a layer: a body in free fall has no hydrostatic
-        part. Where i carries none it stays p_i."""
+        ``fraction``, f the ``hydrostatic_fraction`` of p_i. Where i carries none it stays p_i."""
         x = self.particles.x[i]
         total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
-        density_i = self.constants.density[self.constants.mix(i)]
-        g = ti.cast(self.constants.gravity_at(i), float) * self.constants.pressure_ramp(pressure[i])
+        density_i = self.constants.head_density(i)
+        g = ti.cast(self.constants.gravity_at(i), float) * self.hydrostatic_fraction(pressure[i])
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if self.gradient.B[j][0, 0] > 0.0:

@@ -75,7 +75,7 @@ class Shifting(Term):
         d = ti.static(self.dimension)
         for i in range(self.particles.count[None]):
             self.shift[i] = ti.Vector.zero(float, d)
-            if self.particles.kind[i] == FLUID:
+            if self.particles.kind[i] == FLUID and not self.particles.in_grain(i):
                 x = self.particles.x[i]
                 l0 = self.spacing * ti.sqrt(self.gradient.cross_section_ratio(i))  # spacing of rings this thin
                 repulsion, apart = ti.Vector.zero(float, d), ti.Vector.zero(float, d)

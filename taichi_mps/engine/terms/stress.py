@@ -85,7 +85,7 @@ class SolvedRate(Term):
 class Stress(Term):
     """Stress of every particle from the velocity, and its viscosities; its law is that of the problem."""
 
-    def __init__(self, fluid, constants, interface, strain_rate, solved_rate, pressure, problem):
+    def __init__(self, fluid, constants, interface, strain_rate, solved_rate, pressure, problem, rigid):
         # strain_rate: at the start of the step; solved_rate: of the new velocity
         super().__init__(
             fluid,
@@ -94,6 +94,7 @@ class Stress(Term):
             pressure=pressure,
             strain_rate=strain_rate,
             solved_rate=solved_rate,
+            rigid=rigid,
         )
         self.law, self.mixes, self.tensors = problem.law, len(problem.materials), self.particles.tensor_dimension
         materials = list(enumerate(problem.materials))
@@ -107,7 +108,7 @@ class Stress(Term):
         self.yielded = ti.field(ti.i32, self.capacity)  # 1 where the material flows
         self.averages = (  # whether the law is averaged in a full vessel (I31)
             fluid.walls.carry_curvature and self.law == "yield-stress" and self.mixes == 1 and not self.has_curve
-        )
+        ) and not self.particles.has_grains
         # variation of the shear stress over the neighbourhood that the gradient of a particle sees [Pa]
         self.variation = ti.field(real(), self.capacity) if self.averages else None
         self.fluidity = None  # shear rate over stress by the mix of each particle [1/(Pa s)], where there are several
@@ -131,8 +132,20 @@ class Stress(Term):
         if ti.static(self.law == "yield-stress"):
             mu = self.constants.mu_r[m]
         elif ti.static(self.law == "bi-viscosity"):
-            mu = bi_viscosity(rate, self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m])
+            mu = bi_viscosity(
+                rate / self.mortar_share(i), self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m]
+            )
+        if ti.static(self.law != "yield-stress"):
+            mu /= self.mortar_share(i)
         return mu
+
+    @ti.func
+    def mortar_share(self, i):
+        """Share of what the gradient of particle i sees that strains: beside a grain that of the mortar [-] (G4)."""
+        share = ti.cast(1.0, float)
+        if ti.static(self.particles.has_grains):
+            share = self.rigid.share[i]
+        return share
 
     @ti.func
     def viscous(self, i, G):
@@ -166,7 +179,14 @@ class Stress(Term):
     def yield_law(self, i, trial):
         """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
         m = self.constants.mix(i)
-        if ti.static(self.mixes > 1):
+        if ti.static(self.particles.has_grains):  # 2 D = f rate T/|T|: the law of the mortar, with f mu_r
+            part, stress, rate = self.rigid.share[i] * self.mu[i], trial, ti.cast(0.0, float)
+            if ti.static(self.has_curve):
+                stress, _q, rate = curve_mapping(self, i, trial, part)
+            else:
+                stress, _q, rate = return_mapping(trial, self.constants.eta[m], self.yield_stress(i), part)
+            return stress, (trial - stress) / (2.0 * self.mu[i]), rate
+        elif ti.static(self.mixes > 1):
             across = self.interface.across_interface(i, trial)
             other_fraction, other_fluidity = self.interface.other_fraction[i], self.interface.other_fluidity[i]
             return series_mapping(self, i, trial, across, self.mu[i], other_fraction, other_fluidity)
@@ -215,7 +235,7 @@ class Stress(Term):
     @ti.func
     def own_rate(self, i):
         """Shear rate [1/s] of the mix of particle i: next to another mix that of the gradient is of both."""
-        rate = self.particles.shear_rate[i]
+        rate = self.particles.shear_rate[i] / self.mortar_share(i)
         if ti.static(self.mixes > 1 and self.law == "yield-stress"):
             rate = self.fluidity[i] * magnitude(self.particles.stress[i])
         return rate
@@ -247,7 +267,7 @@ class Stress(Term):
                         self.fluidity[i] = carries * flow / ti.max(magnitude(stress), 1e-12)
                 self.yielded[i] = flow > 0.0
             elif ti.static(self.law == "bi-viscosity"):
-                self.yielded[i] = rate >= 2.0 * self.constants.pi_c[self.constants.mix(i)]
+                self.yielded[i] = rate / self.mortar_share(i) >= 2.0 * self.constants.pi_c[self.constants.mix(i)]
                 self.mu[i] = self.viscosity(i, rate)
                 if ti.static(self.mixes > 1):
                     self.fluidity[i] = 1.0 / self.mu[i]

@@ -53,9 +53,9 @@ class WallFriction(Term):
                 G
             )
             weight = (
-                self.particles.volume(i) * self.constants.density_of(i) * ti.cast(self.constants.gravity_at(i), float)
+                self.particles.volume(i) * self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
             )
-            weight *= self.constants.pressure_ramp(self.pressure.p[i])
+            weight *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
             size, mu = self.gradient.cross_section_ratio(i), self.stress.mu[i]
             self.walls.update_slip(i, x, u[i], flux, weight, B, mu, h, size)
 
@@ -105,7 +105,8 @@ class WallLoads(Term):
             h, flux = self.resistance.h[i], self.correction.force(i)[0]
             flux += volume * (self.gradient.in_plane(T) @ self.gradient.B[i])
             flux -= h * self.gradient.in_plane(self.solved_rate.velocity_gradient(i))
-            weight = self.constants.weight_of(i) * self.constants.pressure_ramp(self.pressure.p[i])
+            weight = self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
+            weight *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
             size = self.gradient.cross_section_ratio(i)
             for f, wall in ti.static(enumerate(self.walls.faces)):
                 z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])

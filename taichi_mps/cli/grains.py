@@ -1,0 +1,55 @@
+"""Grains by options of run: what they say, and what they choose."""
+
+import sys
+from dataclasses import replace
+from typing import get_args
+
+from ..engine import Grains, Scene
+from ..units import Length, Ratio, SceneError, checked, require
+
+ACROSS = 4.0  # spacings across the smallest grain, where no spacing is given
+
+
+@checked
+def row(diameter: Length, share: Ratio = 1.0) -> tuple[float, float]:
+    """Diameter [m] and share of a word of a grading."""
+    return diameter, share
+
+
+def grains_of(options) -> Grains | None:
+    """Grains that the options of a run ask for, or none."""
+    numbers = ("volume", "density", "friction", "seed")
+    given = {name: getattr(options, f"grains_{name}") for name in numbers}
+    given = {name: value for name, value in given.items() if value is not None}
+    if options.grains is None:
+        require(not given, f"--grains-{next(iter(given), '')}: has no effect without --grains, the diameter")
+        return None
+    require("volume" in given, f"grains = {options.grains}: needs --grains-volume, such as 0.3")
+    grading = [word.split(":") for word in options.grains.split("+")]
+    wrong = f"grains = {options.grains}: must be a diameter, 12mm, or diameters and shares, 8mm:0.4+16mm:0.6"
+    require(all(len(words) == (1 if len(grading) == 1 else 2) for words in grading), wrong)
+    try:
+        rows = [row(**dict(zip(("diameter", "share"), words, strict=False))) for words in grading]
+    except SceneError as error:
+        raise SceneError(f"{wrong} ({error})") from None
+    diameter = rows[0][0] if len(rows) == 1 else rows
+    return Grains(diameter=diameter, volume_fraction=given.pop("volume"), **given)
+
+
+def chosen_for(grains: Grains, keywords: dict, parameters) -> dict:
+    """Keywords of a scene as grains need them: a quarter of the smallest diameter as spacing, and the whole body."""
+    found = dict(keywords)
+    if "spacing" not in found and "spacing" in parameters.model_fields:
+        found["spacing"] = float(grains.diameters.min()) / ACROSS
+        told = f"spacing = {found['spacing']:g} m: a quarter of the smallest grain"
+        print(f"taichi-mps: {told}; --spacing takes another", file=sys.stderr)
+    model = parameters.model_fields.get("model")
+    if model and "model" not in found and "full" in get_args(model.annotation):
+        found["model"] = "full"
+    return found
+
+
+def with_grains(scene: Scene, options) -> Scene:
+    """The scene with the grains that the options of its run ask for."""
+    grains = grains_of(options)
+    return replace(scene, grains=grains) if grains else scene

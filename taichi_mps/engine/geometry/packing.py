@@ -1,0 +1,191 @@
+"""Places for grains in a body of particles: random insertion without overlap on its lattice, shaken where that jams.
+
+A grain is N particles of the lattice, so that N l0^d is as near to the volume of its sphere (disc) as a lattice
+allows. Plain NumPy.
+"""
+
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from ...units import SceneError, require
+
+SHAKES = 200  # times that all grains are moved by a spacing at most, after each of which more are inserted
+
+
+@lru_cache
+def template(across: float, d: int) -> tuple[np.ndarray, np.ndarray]:
+    """Particles of a sphere ``across`` spacings wide: offset (d,) of its centre from a lattice point, 0 or 1/2, and the
+    lattice points (n, d) that it holds, both over the spacing."""
+    half = int(np.ceil(0.5 * across)) + 1
+    points = np.stack(np.meshgrid(*[np.arange(-half, half + 1)] * d, indexing="ij"), -1).reshape(-1, d)
+    volume = {2: np.pi / 4.0, 3: np.pi / 6.0}[d] * across**d
+    best = None
+    for offset in (np.zeros(d), np.full(d, 0.5)):
+        inside = points[np.linalg.norm(points - offset, axis=1) <= 0.5 * across + 1e-9]
+        if best is None or abs(len(inside) - volume) < abs(len(best[1]) - volume):
+            best = offset, inside
+    return best
+
+
+class Lattice:
+    """The lattice of a body: cells (n, d) of its particles x (n, d) [m], in a grid that wraps where it is periodic and
+    has empty cells around it elsewhere."""
+
+    def __init__(self, x, spacing: float, room: int, domain, periodic):
+        low = x.min(0)
+        cells = np.round((x - low) / spacing).astype(int)
+        uneven = np.abs((x - low) / spacing - cells).max()
+        require(uneven < 1e-3, "grains: the particles of the fluid stand on no lattice; must be filled by mps.fill")
+        size = np.round(np.subtract(*domain[::-1]) / spacing).astype(int)
+        pad = np.where(periodic, 0, room)
+        self.shape = np.where(periodic, size, cells.max(0) + 1 + 2 * pad)
+        self.periodic = np.array(periodic)
+        self.x0, self.spacing = low - pad * spacing, spacing
+        self.row = np.full(self.shape, -1)  # of the particle in each cell
+        self.row[tuple((cells + pad).T)] = np.arange(len(x))
+
+    def at(self, cells) -> tuple:
+        """Index of cells (n, d), wrapped."""
+        return tuple(np.mod(cells, self.shape).T)
+
+
+class Size:
+    """Grains of one diameter on a lattice: where their centres may lie, and where others keep them off."""
+
+    def __init__(self, lattice: Lattice, diameter: float):
+        self.radius, d = 0.5 * diameter, lattice.row.ndim
+        across = diameter / lattice.spacing
+        self.offset, self.cells = template(across, d)
+        # and the cells into which its surface reaches along the axes
+        ends = np.ceil(self.offset + 0.5 * across - 0.5 - 1e-9), np.floor(self.offset - 0.5 * across + 0.5 + 1e-9)
+        axes = np.vstack([np.diag(end) for end in ends]).astype(int)
+        self.allowed = np.ones(lattice.row.shape, bool)
+        for cell in np.unique(np.vstack([self.cells, axes]), axis=0):
+            self.allowed &= np.roll(lattice.row >= 0, -cell, axis=tuple(range(d)))
+        self.blocked = np.zeros(lattice.row.shape, np.int32)  # number of grains that keep a centre off
+
+    def blocks(self, other: "Size", spacing: float) -> np.ndarray:
+        """Cells (k, d), from the centre cell of a grain of this size, in which no centre of the other may lie."""
+        d = len(self.offset)
+        reach = int(np.ceil((self.radius + other.radius) / spacing)) + 1
+        steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * d, indexing="ij"), -1).reshape(-1, d)
+        apart = np.linalg.norm(steps + other.offset - self.offset, axis=1) * spacing
+        shared = np.isin(encode(steps), np.unique(np.concatenate([encode(self.cells - cell) for cell in other.cells])))
+        return steps[(apart < self.radius + other.radius - 1e-9 * spacing) | shared]
+
+
+def encode(cells) -> np.ndarray:
+    """One number for each of the cells (n, d)."""
+    return cells @ (4096 ** np.arange(cells.shape[1]))
+
+
+class Packing:
+    """Grains of several diameters put into a body one by one; ``placed``: number of the size and centre cell of
+    each."""
+
+    def __init__(self, lattice: Lattice, diameters):
+        self.lattice, self.sizes = lattice, [Size(lattice, diameter) for diameter in diameters]
+        self.placed: list[tuple[int, np.ndarray]] = []
+
+    @cached_property
+    def blocks(self) -> list[list[np.ndarray]]:
+        """``Size.blocks`` of each size for each."""
+        return [[a.blocks(b, self.lattice.spacing) for b in self.sizes] for a in self.sizes]
+
+    def is_free(self, k: int, cell) -> bool:
+        at = self.lattice.at(cell[None])
+        return bool(self.sizes[k].allowed[at][0] and self.sizes[k].blocked[at][0] == 0)
+
+    def block(self, k: int, cell, by: int) -> None:
+        """Count a grain of size k at a cell, or take it away, ``by`` 1 or -1."""
+        for size, steps in zip(self.sizes, self.blocks[k], strict=True):
+            np.add.at(size.blocked, self.lattice.at(cell + steps), by)
+
+    def put(self, k: int, cell) -> None:
+        self.block(k, cell, 1)
+        self.placed.append((k, cell))
+
+    def insert(self, k: int, count: int, random) -> int:
+        """Insert up to ``count`` grains of size k at random free cells; return how many found none."""
+        size = self.sizes[k]
+        cells = np.argwhere(size.allowed & (size.blocked == 0))
+        for cell in random.permutation(cells):
+            if count and self.is_free(k, cell):
+                self.put(k, cell)
+                count -= 1
+        return count
+
+    def shake(self, random) -> None:
+        """Move each grain to a random free cell beside its own, where there is one."""
+        for n, (k, cell) in enumerate(self.placed):
+            self.block(k, cell, -1)
+            to = cell + random.integers(-1, 2, len(cell))
+            to = np.mod(to, self.lattice.shape)
+            self.placed[n] = (k, to if self.is_free(k, to) else cell)
+            self.block(k, self.placed[n][1], 1)
+
+    def fill(self, counts, random) -> bool:
+        """Insert so many grains of each size, the largest first; False where they do not fit."""
+        for k in np.argsort([-size.radius for size in self.sizes]):
+            left = self.insert(k, counts[k], random)
+            for _ in range(SHAKES):
+                if not left:
+                    break
+                self.shake(random)
+                left = self.insert(k, left, random)
+            if left:
+                return False
+        return True
+
+    def result(self, particles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Number (n,) of the grain of each particle, 0 of none; centres (g, d) [m]; radii (g,) [m]."""
+        number, centres, radii = np.zeros(particles, int), [], []
+        for g, (k, cell) in enumerate(self.placed, 1):
+            size = self.sizes[k]
+            number[self.lattice.row[self.lattice.at(cell + size.cells)]] = g
+            centres.append(self.lattice.x0 + self.lattice.spacing * (cell + size.offset))
+            radii.append(size.radius)
+        return number, np.array(centres).reshape(-1, len(self.lattice.shape)), np.array(radii)
+
+
+def pack(x, spacing: float, domain, periodic, diameters, fractions, seed: int):
+    """Places of grains of the ``diameters`` (k,) [m] that take the ``fractions`` (k,) [-] of the volume of a body of
+    particles x (n, d) [m]: as ``Packing.result``. SceneError where they do not fit."""
+    packing = Packing(Lattice(x, spacing, room(diameters, spacing), domain, periodic), diameters)
+    counts = [round(f * len(x) / len(size.cells)) for f, size in zip(fractions, packing.sizes, strict=True)]
+    for size, count in zip(packing.sizes, counts, strict=True):
+        require(
+            count and size.allowed.any(),
+            f"grains: diameter = {2 * size.radius:g} m: the body holds none; must be smaller, or of a larger "
+            "volume_fraction",
+        )
+    if not packing.fill(counts, np.random.default_rng(seed)):
+        there = sum(len(packing.sizes[k].cells) for k, _ in packing.placed) / len(x)
+        raise SceneError(
+            f"grains: volume_fraction = {sum(fractions):g}: only {there:.3f} of the body found room; must be less, or "
+            "diameter smaller"
+        )
+    return packing.result(len(x))
+
+
+def place(x, spacing: float, domain, periodic, centres, diameters):
+    """Places of grains with given ``centres`` (g, d) [m] and ``diameters`` (g,) [m], each moved to the nearest place of
+    the lattice, by half a spacing along an axis at most; else as ``pack``."""
+    sizes, kinds = np.unique(diameters, return_inverse=True)
+    packing = Packing(Lattice(x, spacing, room(sizes, spacing), domain, periodic), sizes)
+    for centre, k in zip(centres, kinds, strict=True):
+        lattice, size = packing.lattice, packing.sizes[k]
+        cell = np.floor((centre - lattice.x0) / spacing - size.offset + 0.5 - 1e-6).astype(int)
+        cell = np.where(lattice.periodic, np.mod(cell, lattice.shape), cell)
+        where = f"grains: centre = {tuple(centre.tolist())} m"
+        inside = np.all((cell >= 0) & (cell < lattice.shape)) and size.allowed[lattice.at(cell[None])][0]
+        require(inside, f"{where}: the grain of {2 * size.radius:g} m reaches out of the fluid; must lie in it")
+        require(packing.is_free(k, cell), f"{where}: overlaps another; all must be apart")
+        packing.put(k, cell)
+    return packing.result(len(x))
+
+
+def room(diameters, spacing: float) -> int:
+    """Empty cells around a body that no grain of these diameters [m] reaches across."""
+    return int(np.ceil(0.5 * max(diameters) / spacing)) + 2

@@ -1,0 +1,144 @@
+"""Grains: coarse aggregate, rigid spheres in the flowing mortar. Plain NumPy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...units import AnyDensity, Count, Size, array, points, real, require, validated
+from ..geometry.packing import pack, place, template
+
+LEAST_ACROSS, GOOD_ACROSS = 3.0, 4.0  # diameter over the spacing, below which a grain is refused, or warned of
+MOST = 0.35  # volume fraction that is placed
+
+
+@validated
+@dataclass(frozen=True, eq=False)
+class Grains:
+    """Coarse aggregate in a body of mortar: rigid spheres, discs in two dimensions.
+
+    Parameters
+    ----------
+    diameter : float or sequence of tuple (float, float)
+        Diameter [m]; or a grading, rows of a diameter [m] and its share of the volume of all grains.
+    volume_fraction : float, optional
+        Volume of the grains over that of the body at 0 s [-], 0.35 at most; they are placed at random, without overlap.
+    centres : ndarray, shape (g, d), optional
+        Centres instead of a volume fraction [m]; each is moved to the nearest place of the lattice of particles, by at
+        most half a spacing along an axis.
+    density : float, optional
+        Density of the stone [kg/m3].
+    friction : float, optional
+        Coefficient of friction between grains, and with walls that are not slip [-].
+    seed : int, optional
+        Number from which random places follow.
+
+    Raises
+    ------
+    SceneError
+        If a number is out of range, or not exactly one of ``volume_fraction`` and ``centres`` is given.
+
+    Notes
+    -----
+    The ``material`` of the scene is then that of the mortar, not of the concrete. Needs the scheme ``implicit``, no
+    inlet, no mirror plane and no rings; a diameter of three spacings or more, better four, six between bars.
+
+    Examples
+    --------
+    >>> import taichi_mps as mps
+    >>> mps.Grains(diameter=[(0.008, 0.4), (0.016, 0.6)], volume_fraction=0.3).diameters.tolist()
+    [0.008, 0.016]
+    """
+
+    diameter: Size | array("m and -", (None, 2))
+    volume_fraction: real("-", gt=0.0, le=MOST) | None = None
+    centres: points("m") | None = None
+    density: AnyDensity = 2650.0
+    friction: real("-", ge=0.0, le=10.0) = 0.4
+    seed: Count = 1
+
+    def __post_init__(self):
+        object.__setattr__(self, "_known", {})  # places by the body
+        require(
+            (self.volume_fraction is None) != (self.centres is None),
+            "grains: must have either volume_fraction or centres",
+        )
+        if np.ndim(self.diameter):
+            sound = len(self.diameter) and np.all(self.diameter > 0.0) and abs(self.diameter[:, 1].sum() - 1.0) < 1e-6
+            require(sound, f"grains: diameter = {self.diameter.tolist()}: must be diameters and shares above 0, sum 1")
+            require(self.centres is None, "grains: a grading has no centres; diameter must be one number")
+
+    @property
+    def grading(self) -> np.ndarray:
+        """Rows of a diameter [m] and its share of the volume [-], shape (k, 2)."""
+        return self.diameter if np.ndim(self.diameter) else np.array([[self.diameter, 1.0]])
+
+    @property
+    def diameters(self) -> np.ndarray:
+        """Diameters [m], shape (k,)."""
+        return self.grading[:, 0]
+
+    def places(
+        self, x: np.ndarray, spacing: float, domain: tuple, periodic: tuple
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Place the grains in a body.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, d)
+            Particles of the body, on a lattice [m].
+        spacing : float
+            Particle size [m].
+        domain : tuple
+            Lowest and highest corner of the scene [m].
+        periodic : tuple of bool
+            Whether each axis is periodic.
+
+        Returns
+        -------
+        number : ndarray of int, shape (n,)
+            Number of the grain of each particle, from 1; 0 of mortar.
+        centres : ndarray, shape (g, d)
+            Centres [m].
+        radii : ndarray, shape (g,)
+            Radii [m].
+
+        Raises
+        ------
+        SceneError
+            If they do not fit.
+        """
+        body = x, spacing, domain, periodic
+        key = x.tobytes(), repr(body[1:])
+        if key not in self._known:
+            if self.centres is not None:
+                found = place(*body, self.centres, np.full(len(self.centres), self.diameters[0]))
+            else:
+                found = pack(*body, self.diameters, self.volume_fraction * self.grading[:, 1], self.seed)
+            self._known[key] = found
+        return self._known[key]
+
+    def facts(self, number: np.ndarray, spacing: float, d: int) -> dict:
+        """Describe grains that are placed.
+
+        Parameters
+        ----------
+        number : ndarray of int, shape (n,)
+            Number of the grain of each particle.
+        spacing : float
+            Particle size [m].
+        d : int
+            Dimension.
+
+        Returns
+        -------
+        dict
+            JSON-ready.
+        """
+        return {
+            "diameters_m": self.diameters.tolist(),
+            "number": int(number.max(initial=0)),
+            "volume_fraction": float((number > 0).mean()),
+            "density": self.density,
+            "friction": self.friction,
+            "particles_of_each": [len(template(size / spacing, d)[1]) for size in self.diameters],
+        }

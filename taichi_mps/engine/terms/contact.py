@@ -1,0 +1,258 @@
+"""Contacts of grains with each other and with walls: multipliers of the outer iterations, with friction (G5).
+
+At a contact with the normal n from the other, and the velocity v of the grain relative to the other there,
+
+    lambda <- max(0, lambda - r (n.v + gap/dt)),    t <- t - r (v - n n.v), back to |t| <= mu lambda,
+
+and in the matrix of the step r n n^T where it presses, r (I - n n^T) where it sticks. A grain keeps the list of its own
+contacts, so one between two grains is in both lists, with opposite forces, and each grain sums its own. Pairs are found
+in the lists of neighbours of its particles; feet on a wall from each of them, so each bar of a wall is a contact.
+"""
+
+import numpy as np
+
+from ..runtime.backend import double_field, ti
+from ..runtime.field_io import FieldIO
+from ..runtime.stages import stage
+from ..runtime.thread_team import first, last, wait
+from .constants import Term
+
+NEAR = 0.5  # gap over l0 from which on two are a contact
+FEET = 3  # largest number of contacts of a grain with one wall
+SAME_FOOT = 0.5  # cosine between normals from which on feet on a wall are one contact
+STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
+BACK = 0.2  # part of an overlap that is taken back in a step
+NONE = -(1 << 20)  # no partner
+
+
+def most_contacts(radii, surfaces: int) -> int:
+    """Largest number of contacts of a grain: of small ones around a large one, by the area that each takes."""
+    ratio = float(np.max(radii) / np.min(radii))
+    return int(4.0 * (1.0 + 1.2 * ratio) ** 2) + FEET * surfaces
+
+
+@ti.data_oriented
+class Contacts(Term):
+    """Contacts of the grains of a ``rigid``, and what the matrix and its right-hand side get of the grains."""
+
+    def __init__(self, fluid, constants, rigid, grains):
+        super().__init__(fluid, constants=constants, rigid=rigid)
+        self.spacing, self.friction = self.gradient.spacing, grains.friction
+        self.most = most_contacts(rigid.radii, len(self.walls.surfaces))  # room of each grain
+        n = rigid.count * self.most
+        self.number = ti.field(ti.i32, rigid.count)
+        # partner: a grain, or -1 - k of wall k; whether it presses, and sticks
+        self.partner, self.presses, self.sticks = (ti.field(ti.i32, n) for _ in range(3))
+        self.normal, self.slip_force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # -, t [N], m/s
+        self.gap, self.force, self.stiffness = (double_field(n) for _ in range(3))  # [m], lambda [N], r [N s/m]
+        kept = "partner", "normal", "force", "slip_force", "sticks"
+        # of the step before
+        self.old_partner, self.old_sticks, self.old_force = ti.field(ti.i32, n), ti.field(ti.i32, n), double_field(n)
+        self.old_normal, self.old_slip_force = double_field(n, 3), double_field(n, 3)
+        self.kept = [(getattr(self, name), getattr(self, f"old_{name}")) for name in kept]
+        self.step = double_field()  # dt [s]
+        self.rows = FieldIO({f"contact_{name}": field for name, (field, _) in zip(kept, self.kept, strict=True)}, n)
+        self.partner.fill(NONE)
+
+    # ---- finding ---------------------------------------------------------------------------------------------------
+    @stage("contacts")
+    def find(self, dt: float):
+        """Find the contacts at the present places; those of the step before go on with their forces."""
+        for _ in range(1):
+            self.step[None] = dt
+        for c in range(self.rigid.count * self.most):
+            for kept, old in ti.static(self.kept):
+                old[c] = kept[c]
+            self.partner[c] = NONE
+        for g in range(self.rigid.count):
+            self.number[g] = 0
+            self.find_grains(g)
+            for k, wall in ti.static(enumerate(self.walls.surfaces)):
+                self.find_feet(g, k, wall)
+
+    @ti.func
+    def find_grains(self, g):
+        """Contacts of grain g with others, from the neighbours of its particles."""
+        centre = self.rigid.in_scene(self.rigid.centre[g])
+        for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
+            i = self.rigid.row[m]
+            for p in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                h = self.rigid.grain(self.neighbors.column[p])
+                known = h < 0 or h == g
+                for c in range(g * self.most, g * self.most + self.number[g]):
+                    known = known or self.partner[c] == h
+                if not known:
+                    r = -self.rigid.in_space(
+                        self.neighbors.bins.displacement(centre, self.rigid.in_scene(self.rigid.centre[h]))
+                    )
+                    gap = r.norm() - self.rigid.radius[g] - self.rigid.radius[h]
+                    if gap < NEAR * self.spacing:
+                        self.add(g, h, r / r.norm(), gap, ti.Vector.zero(ti.f64, 3))
+
+    @ti.func
+    def find_feet(self, g, k: ti.template(), wall: ti.template()):
+        """Contacts of grain g with wall k: the nearest foot of its particles, and others in other directions."""
+        centre, radius, begin = self.rigid.centre[g], self.rigid.radius[g], self.number[g]
+        for turn in range(FEET):
+            least, towards = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
+            if turn == 0 or self.number[g] == begin + turn:
+                for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
+                    distance, foot, _velocity = self.foot(wall, centre + self.rigid.arm[m])
+                    away = (foot - centre).norm()
+                    if distance < 2.4 * self.spacing and away < least:
+                        new = True
+                        for c in range(g * self.most + begin, g * self.most + self.number[g]):
+                            new = new and -self.normal[c].dot(foot - centre) < SAME_FOOT * away
+                        if new:
+                            least, towards = away, (foot - centre) / away
+            if least < radius + 2.0 * self.spacing:
+                gap, velocity = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
+                for _ in range(3):  # the foot of the grain's own surface
+                    _distance, foot, velocity = self.foot(wall, centre + (radius - 0.5 * self.spacing) * towards)
+                    gap = (foot - centre).norm() - radius
+                    towards = (foot - centre).normalized()
+                if gap < NEAR * self.spacing:
+                    self.add(g, -1 - k, -towards, gap, velocity)
+
+    @ti.func
+    def foot(self, wall: ti.template(), x):
+        """Distance of a point x [m] from a wall, its foot there [m], and the velocity of the wall [m/s]."""
+        z, n, velocity, _curvature = wall.nearest(self.rigid.in_scene(x))
+        return z, x - ti.cast(z, ti.f64) * self.rigid.in_space(n), self.rigid.in_space(velocity)
+
+    @ti.func
+    def add(self, g, other, normal, gap, velocity):
+        """Add a contact to the list of grain g, with the forces that it had."""
+        if self.number[g] < self.most:
+            c = g * self.most + self.number[g]
+            self.number[g] += 1
+            self.partner[c], self.normal[c], self.gap[c], self.wall_velocity[c] = other, normal, gap, velocity
+            lighter = g if other < 0 or self.rigid.mass[g] <= self.rigid.mass[ti.max(other, 0)] else other
+            self.stiffness[c] = self.penalty(lighter)
+            self.force[c], self.slip_force[c], self.sticks[c] = 0.0, ti.Vector.zero(ti.f64, 3), 0
+            for b in range(g * self.most, (g + 1) * self.most):
+                if self.old_partner[b] == other and self.old_normal[b].dot(normal) > SAME_FOOT:
+                    t = self.old_slip_force[b]
+                    self.force[c], self.slip_force[c] = self.old_force[b], t - normal * normal.dot(t)
+                    self.sticks[c] = self.old_sticks[b]
+            self.presses[c] = ti.cast(self.force[c] > 0.0 or gap < 0.0, ti.i32)
+            self.sticks[c] *= self.presses[c]
+
+    @ti.func
+    def penalty(self, g):
+        """r [N s/m], by the mass of a grain over the step, its drag and its yield force."""
+        a, d = self.rigid.radius[g], ti.static(self.dimension)
+        drag = 6.0 * np.pi * self.constants.eta[0] * (a if d == 3 else 1.0)
+        held = YIELD_STIFFNESS * self.constants.tau_y[0] * (a * a if d == 3 else a)
+        return STIFFNESS * (self.rigid.mass[g] / self.step[None] + drag + held)
+
+    # ---- at a contact ----------------------------------------------------------------------------------------------
+    @ti.func
+    def arm(self, g, c):
+        """Arm from the centre of grain g to its contact c, half-way between both surfaces or on the wall [m]."""
+        gap = self.gap[c] if self.partner[c] < 0 else 0.5 * self.gap[c]
+        return -(self.rigid.radius[g] + gap) * self.normal[c]
+
+    @ti.func
+    def relative_velocity(self, g, c):
+        """Velocity of grain g relative to the other at contact c, a wall at rest, by the motions that P found [m/s]."""
+        v, h = self.rigid.mean[g] + self.rigid.rate[g].cross(self.arm(g, c)), self.partner[c]
+        if h >= 0:
+            arm = (self.rigid.radius[h] + 0.5 * self.gap[c]) * self.normal[c]
+            v -= self.rigid.mean[h] + self.rigid.rate[h].cross(arm)
+        return v
+
+    @ti.func
+    def resisted(self, c, v):
+        """r times the part of a velocity v that contact c resists [N]: along the normal where it presses, all of it
+        where it sticks."""
+        n = self.normal[c]
+        along = n * n.dot(v)
+        return self.stiffness[c] * (self.presses[c] * along + self.sticks[c] * (v - along))
+
+    @ti.func
+    def opening(self, c):
+        """gap/dt, by which a contact may close; of an overlap the part that is taken back [m/s]."""
+        gap = self.gap[c]
+        return ti.select(gap > 0.0, gap, BACK * gap) / self.step[None]
+
+    # ---- in the system ---------------------------------------------------------------------------------------------
+    @ti.func
+    def constrain(self, u: ti.template(), y: ti.template()):
+        """y <- P y plus what the rotation of the solid and the contacts add, for the velocity u = P u [N]."""
+        self.rigid.find_motions(u)
+        for g in range(first(self.rigid.count), last(self.rigid.count)):
+            force, torque = self.rigid.sums(g, y)
+            torque += self.rigid.extra[g] / self.step[None] * self.rigid.rate[g]
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                f = self.resisted(c, self.relative_velocity(g, c))
+                force += f
+                torque += self.arm(g, c).cross(f)
+            self.rigid.spread(g, force, torque, y)
+        wait()
+
+    @stage("contacts")
+    def load(self, b: ti.template()):
+        """b <- P b plus the known part of what the contacts and the rotation of the solid add [N]."""
+        for g in range(self.rigid.count):
+            force, torque = self.rigid.sums(g, b)
+            torque += self.rigid.extra[g] / self.step[None] * self.rigid.spin[g]
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                n = self.normal[c]
+                f = self.resisted(c, self.wall_velocity[c] - self.opening(c) * n)
+                if self.presses[c] == 1:
+                    f += self.force[c] * n + self.slip_force[c]
+                force += f
+                torque += self.arm(g, c).cross(f)
+            self.rigid.spread(g, force, torque, b)
+
+    @stage("contacts")
+    def update(self, u: ti.template()):
+        """Forces of the contacts from the velocity u, mapped back onto Coulomb's cone (G5)."""
+        self.rigid.find_motions(u)
+        for g in range(self.rigid.count):
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                n, r = self.normal[c], self.stiffness[c]
+                v = self.relative_velocity(g, c) - self.wall_velocity[c]
+                along = n.dot(v)
+                self.force[c] = ti.max(0.0, self.force[c] - r * (along + self.opening(c)))
+                self.presses[c] = ti.cast(self.force[c] > 0.0, ti.i32)
+                trial = self.slip_force[c] - r * (v - along * n)
+                bound, size = self.coefficient(c) * self.force[c], trial.norm()
+                self.sticks[c] = ti.cast(size <= bound and bound > 0.0, ti.i32)
+                self.slip_force[c] = trial * ti.min(1.0, bound / ti.max(size, 1e-30))
+
+    @ti.func
+    def coefficient(self, c):
+        """Coefficient of friction of contact c: none with a wall with slip [-]."""
+        mu = ti.cast(self.friction, ti.f64)
+        for k, wall in ti.static(enumerate(self.walls.surfaces)):
+            if ti.static(wall.slip):  # noqa: SIM102  (a compiled choice stays apart)
+                if self.partner[c] == -1 - k:
+                    mu = 0.0
+        return mu
+
+    @stage("wall loads")
+    def add_loads(self, loads: ti.template()):
+        """Add the forces of the contacts to the loads of the walls, in the first row of each grain."""
+        for g in range(self.rigid.count):
+            i = self.rigid.row[self.rigid.begin[g]]
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                force = -(self.force[c] * self.normal[c] + self.slip_force[c])
+                for j, number in ti.static(enumerate(loads.numbers)):
+                    if self.partner[c] == -1 - number:
+                        foot = self.rigid.in_scene(self.rigid.centre[g] + self.arm(g, c))
+                        on_wall = ti.cast(self.rigid.in_scene(force), float)
+                        arm = ti.cast(self.walls.surfaces[number].arm(foot), float)
+                        loads.forces[j][i] += on_wall
+                        loads.torques[j][i] += loads.axial_vector(arm.outer_product(on_wall))
+
+    # ---- in checkpoints --------------------------------------------------------------------------------------------
+    def state(self) -> dict:
+        """Places, motions and contacts of the grains."""
+        return self.rigid.motions.read(self.rigid.count) | self.rows.read(self.rigid.count * self.most)
+
+    def load_state(self, state: dict) -> None:
+        """Load what ``state`` returned."""
+        self.rigid.motions.load(state, self.rigid.count)
+        self.rows.load(state, self.rigid.count * self.most)

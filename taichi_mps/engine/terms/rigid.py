@@ -1,0 +1,219 @@
+"""Grains: particles whose velocity is that of a rigid body (G1-G4).
+
+The rigid motions are the unknowns. With the orthogonal projector P of velocities of a grain's N particles onto them,
+
+    P u |_m = U + w x y_m,    U = (1/N) sum u_m,    w = J^-1 sum y_m x u_m,    J = sum (y.y I - y y),
+
+y_m the arms from its centre, each solve for the velocity becomes P A P u = P b. P is symmetric because all particles of
+a grain have one mass, so the same sums make its motion of velocities and its force and torque of forces. A sphere's
+moment of inertia is not that of its particles as points: the difference, times the rotation, is added.
+
+A particle of a grain that sees no mortar carries neither stress nor pressure: its gradient is taken out. At the surface
+a gradient sees both sides, but all strain is that of the mortar, whose ``share`` along the normal is f (G4).
+"""
+
+import numpy as np
+
+from ..runtime.backend import double_field, real, ti
+from ..runtime.field_io import FieldIO
+from ..runtime.stages import stage
+from ..runtime.thread_team import first, last, wait
+from .constants import Term
+
+LEAST_SHARE, LEAST_VISCOUS_SHARE = 0.02, 0.1  # of mortar, with a true yield stress and where it divides a viscosity
+
+
+@ti.data_oriented
+class Rigid(Term):
+    """Grains of a scene: their places and motions, and the projector P."""
+
+    def __init__(self, fluid, problem):
+        super().__init__(fluid)
+        number, centres, radii = problem.scene.grain_places
+        self.count, self.members = len(radii), int((number > 0).sum())
+        self.yields = problem.law == "yield-stress"
+        self.begin, self.grain_of = ti.field(ti.i32, self.count + 1), ti.field(ti.i32, self.members)
+        self.row = ti.field(ti.i32, self.members)  # of each member, a particle of a grain
+        self.place, self.arm = (
+            double_field(self.members, 3),
+            double_field(self.members, 3),
+        )  # in the grain, in space [m]
+        self.centre, self.velocity, self.spin = (double_field(self.count, 3) for _ in range(3))  # [m, m/s, 1/s]
+        self.turn, self.inverse = (ti.Matrix.field(3, 3, ti.f64, self.count) for _ in range(2))  # R, J^-1 [1/m2]
+        self.mean, self.rate = double_field(self.count, 3), double_field(self.count, 3)  # motion that P finds
+        self.radius, self.mass = ti.field(ti.f64, self.count), ti.field(ti.f64, self.count)  # [m, kg]
+        self.extra = ti.field(ti.f64, self.count)  # moment of inertia beyond that of its particles as points [kg m2]
+        self.share = ti.field(real(), self.capacity)  # f of each particle [-]
+        self.mute = ti.field(ti.i32, self.capacity)  # 1 of a particle of a grain that sees no mortar
+        fields = {"centre": self.centre, "velocity": self.velocity, "spin": self.spin, "turn": self.turn}
+        self.motions = FieldIO({f"grain_{name}": field for name, field in fields.items()}, self.count)
+        self._place(problem.scene, number, centres, radii)
+
+    def _place(self, scene, number, centres, radii) -> None:
+        """Put the grains at their places at 0 s, at rest."""
+        d, x, size = self.dimension, scene.fluid, np.subtract(*scene.domain[::-1])
+        members = np.argsort(number, kind="stable")[len(number) - self.members :]
+        of = number[members] - 1
+        arms = x[members] - centres[of]
+        arms -= np.array(scene.periodic) * size * np.round(arms / size)
+        places, start = np.zeros((self.members, 3)), np.zeros((self.count, 3))
+        places[:, :d], start[:, :d] = arms, centres
+        counts = np.bincount(of, minlength=self.count)
+        mass = scene.grains.density * counts * scene.spacing**d
+        moment = np.bincount(of, (arms**2).sum(1), self.count) * (2.0 / 3.0 if d == 3 else 1.0)
+        sphere = (0.4 if d == 3 else 0.5) * mass * radii**2
+        self.radii = radii
+        self.of_members = np.append(0, of + 1).astype(np.int32)  # number of the grain by the slot, 0 of mortar
+        self.begin.from_numpy(np.append(0, np.cumsum(counts)).astype(np.int32))
+        self.grain_of.from_numpy(of.astype(np.int32))
+        for field, values in ((self.place, places), (self.radius, radii), (self.mass, mass)):
+            field.from_numpy(values)
+        self.extra.from_numpy(sphere - mass / counts * moment)
+        velocity, spin = self._motion(of, places, scene.velocity[members] if scene.velocity is not None else 0.0 * arms)
+        state = {"grain_centre": start, "grain_turn": np.eye(3), "grain_velocity": velocity, "grain_spin": spin}
+        self.motions.load(state, self.count)
+
+    def _motion(self, of, arms, u) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities [m/s] and spins [1/s], (n, 3), of the grains ``of`` the members with arms (m, 3) and velocities u
+        (m, d)."""
+        velocity, spin = np.zeros((self.count, 3)), np.zeros((self.count, 3))
+        whole = np.zeros((len(u), 3))
+        whole[:, : self.dimension] = u
+        for g in range(self.count):
+            y, v = arms[of == g], whole[of == g]
+            velocity[g] = v.mean(0)
+            J = (y**2).sum() * np.eye(3) - y.T @ y
+            spin[g] = np.linalg.solve(J, np.cross(y, v).sum(0))
+        return velocity, spin
+
+    # ---- in kernels ------------------------------------------------------------------------------------------------
+    @ti.func
+    def in_space(self, v):
+        """A vector as one of three components, in f64."""
+        w = ti.Vector.zero(ti.f64, 3)
+        for a in ti.static(range(self.dimension)):
+            w[a] = ti.cast(v[a], ti.f64)
+        return w
+
+    @ti.func
+    def in_scene(self, v):
+        """The first d components of a vector."""
+        w = ti.Vector.zero(ti.f64, self.dimension)
+        for a in ti.static(range(self.dimension)):
+            w[a] = v[a]
+        return w
+
+    @ti.func
+    def grain(self, i):
+        """Number of the grain of particle i, -1 of mortar."""
+        slot, g = self.particles.slot[i], -1
+        if slot > 0:
+            g = self.grain_of[slot - 1]
+        return g
+
+    @ti.func
+    def sums(self, g, v: ti.template()):
+        """sum v_m and sum y_m x v_m of the rows of grain g: of forces, its force and torque."""
+        total, moment = ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
+        for m in range(self.begin[g], self.begin[g + 1]):
+            w = self.in_space(v[self.row[m]])
+            total += w
+            moment += self.arm[m].cross(w)
+        return total, moment
+
+    @ti.func
+    def spread(self, g, total, moment, v: ti.template()):
+        """Write P of rows whose sums are ``total`` and ``moment`` into the rows of grain g."""
+        mean, rate = total / (self.begin[g + 1] - self.begin[g]), self.inverse[g] @ moment
+        for m in range(self.begin[g], self.begin[g + 1]):
+            w = mean + rate.cross(self.arm[m])
+            for a in ti.static(range(self.dimension)):
+                v[self.row[m]][a] = ti.cast(w[a], float)
+
+    @ti.func
+    def find_motions(self, v: ti.template()):
+        """Mean and rate of rotation of the velocity v of each grain."""
+        for g in range(first(self.count), last(self.count)):
+            total, moment = self.sums(g, v)
+            self.mean[g] = total / (self.begin[g + 1] - self.begin[g])
+            self.rate[g] = self.inverse[g] @ moment
+        wait()
+
+    # ---- stages ------------------------------------------------------------------------------------------------
+    @stage("grains")
+    def project(self, v: ti.template()):
+        """v <- P v."""
+        for g in range(first(self.count), last(self.count)):
+            total, moment = self.sums(g, v)
+            self.spread(g, total, moment, v)
+        wait()
+
+    @stage("grains")
+    def drift(self, time: float):
+        """c <- c + time U and R <- exp(time w) R, exactly, and the particles at c + R Y with U + w x R Y (G3)."""
+        for g in range(self.count):
+            self.centre[g] += time * self.velocity[g]
+            w = self.spin[g] * time
+            angle = w.norm()
+            K = ti.Matrix([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]], dt=ti.f64)
+            s, c = ti.cast(1.0, ti.f64), ti.cast(0.5, ti.f64)
+            if angle > 1e-9:
+                s, c = ti.sin(angle) / angle, (1.0 - ti.cos(angle)) / (angle * angle)
+            self.turn[g] = (ti.Matrix.identity(ti.f64, 3) + s * K + c * K @ K) @ self.turn[g]
+        for m in range(self.members):
+            self.arm[m] = self.turn[self.grain_of[m]] @ self.place[m]
+        for i in range(self.particles.count[None]):
+            slot = self.particles.slot[i]
+            if slot > 0:
+                g, arm = self.grain_of[slot - 1], self.arm[slot - 1]
+                self.particles.x[i] = self.in_scene(self.centre[g] + arm)
+                self.particles.u[i] = ti.cast(self.in_scene(self.velocity[g] + self.spin[g].cross(arm)), float)
+
+    @stage("grains")
+    def find(self):
+        """Rows and inertia of the grains, which particles are mute, and the share of mortar, once neighbours and fits
+        are known; mute particles get no gradient."""
+        for i in range(self.particles.count[None]):
+            slot, own, mute = self.particles.slot[i], self.grain(i), ti.cast(self.particles.slot[i] > 0, ti.i32)
+            if slot > 0:
+                self.row[slot - 1] = i
+            m = ti.Vector.zero(float, self.dimension)
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                other = self.grain(self.neighbors.column[k])
+                if other != own and self.gradient.weight_r2[k] > 0.0:
+                    m += self.gradient.b[k]
+                if other < 0:
+                    mute = 0
+            self.mute[i], self.share[i] = mute, 1.0
+            n = m / ti.max(m.norm(), 1e-20)
+            v, of_others = self.gradient.B[i] @ n, ti.cast(0.0, float)
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                other = self.grain(self.neighbors.column[k])
+                if other != own and self.gradient.weight_r2[k] > 0.0:
+                    b = self.gradient.b[k]
+                    part = 0.5 * v.dot(b) * n.dot(b) / self.gradient.weight_r2[k]
+                    of_others += part * (2.0 if own >= 0 and other >= 0 else 1.0)  # between two grains all is mortar
+            if mute == 0 and of_others > 0.0:
+                share = of_others if own >= 0 else 1.0 - of_others
+                least = ti.static(LEAST_SHARE if self.yields else LEAST_VISCOUS_SHARE)
+                self.share[i] = ti.max(least, ti.min(1.0, share))
+        for i in range(self.particles.count[None]):
+            if self.mute[i] == 1:
+                self.gradient.B[i] *= 0.0
+        for g in range(self.count):
+            J = ti.Matrix.zero(ti.f64, 3, 3)
+            for m in range(self.begin[g], self.begin[g + 1]):
+                y = self.arm[m]
+                J += y.dot(y) * ti.Matrix.identity(ti.f64, 3) - y.outer_product(y)
+            self.inverse[g] = (J + 1e-12 * J.trace() * ti.Matrix.identity(ti.f64, 3)).inverse()
+            for a in ti.static(range(self.dimension)):
+                if ti.static(self.neighbors.bins.periodic[a]):
+                    low, size = self.neighbors.bins.low[a], self.neighbors.bins.size[a]
+                    self.centre[g][a] -= size * ti.floor((self.centre[g][a] - low) / size)
+
+    @stage("grains")
+    def keep(self, u: ti.template()):
+        """Take the motion of each grain from the velocity u of the end of a step."""
+        self.find_motions(u)
+        for g in range(self.count):
+            self.velocity[g], self.spin[g] = self.mean[g], self.rate[g]

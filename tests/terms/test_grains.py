@@ -1,0 +1,242 @@
+"""Grains as rigid bodies (G1-G5): projection, rotation, collisions, contacts with walls and bars, and in mortar."""
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.engine.geometry.packing import template
+
+L0, STONE, G = 0.01, 2650.0, 9.81
+WIDE = (-0.3, -0.2), (0.6, 0.4)
+THIN = mps.Newtonian(viscosity=1e-3, density=1000.0)  # the law where there is no mortar
+
+
+def dry(places, across=4, gravity=(0.0, 0.0), walls=(), velocity=None, friction=0.4, domain=WIDE, **numerics):
+    """Discs without mortar near the places (g, 2) [m], with velocities (g, 2) [m/s]."""
+    offset, cells = template(float(across), 2)
+    corners = [np.round(np.array(place) / L0 - offset) for place in places]
+    x = np.vstack([(corner + cells) * L0 for corner in corners])
+    u = None if velocity is None else np.repeat(np.array(velocity, float), len(cells), axis=0)
+    centres = np.array([(corner + offset) * L0 for corner in corners])
+    grains = mps.Grains(diameter=across * L0, centres=centres, density=STONE, friction=friction)
+    scene = mps.Scene("dry", THIN, L0, x, domain, walls, velocity=u, gravity=gravity, grains=grains, until=10.0)
+    return mps.Simulation(scene, mps.Implicit(tolerance=1e-10, **numerics))
+
+
+def advance(sim, time):
+    while sim.time < time - 1e-9:
+        sim.step(time)
+
+
+def momenta(sim):
+    """Momentum (2,) [kg m/s] and angular momentum [kg m2/s] of all grains."""
+    g, m = sim.grains, sim.scheme.rigid.mass.to_numpy()
+    spin = (0.5 * m * g.radii**2 * g.spins[:, 0]).sum()
+    return (m[:, None] * g.velocities).sum(0), (m * np.cross(g.centres, g.velocities)).sum() + spin
+
+
+@pytest.fixture(scope="module")
+def compiled_pair():
+    sim = dry([(0.0, 0.0), (0.06, 0.02)], velocity=[(1.0, 0.0), (-0.5, 0.0)])
+    return sim, sim.state()
+
+
+@pytest.fixture
+def pair(compiled_pair):
+    """Two discs at 0 s that meet off their centres after 23 ms."""
+    sim, start = compiled_pair
+    sim.load(start)
+    return sim
+
+
+def test_the_projector_is_symmetric_idempotent_and_keeps_momentum_and_angular_momentum(pair):
+    pair.step()
+    rigid, solver = pair.scheme.rigid, pair.scheme.velocity.solver
+    rows, arms = rigid.row.to_numpy(), rigid.arm.to_numpy()[:, :2]
+    random = np.random.default_rng(3)
+
+    def projected(values):
+        solver.z.from_numpy(values)
+        rigid.project(solver.z)
+        return solver.z.to_numpy()
+
+    a, b = random.normal(size=(2, solver.z.shape[0], 2))
+    pa, pb = projected(a), projected(b)
+    scale = np.abs(a * b).sum()
+    assert abs((a * pb).sum() - (pa * b).sum()) < 1e-12 * scale
+    assert np.abs(projected(pa) - pa).max() < 1e-12
+    for g in range(2):
+        own = slice(*rigid.begin.to_numpy()[g : g + 2])
+        before, after = a[rows[own]], pa[rows[own]]
+        assert after.sum(0) == pytest.approx(before.sum(0), abs=1e-12)
+        assert np.cross(arms[own], after).sum() == pytest.approx(np.cross(arms[own], before).sum(), abs=1e-12)
+
+
+def test_a_dry_collision_keeps_momentum_and_angular_momentum_and_no_overlap_stays(pair):
+    momentum, angular = momenta(pair)
+    least = np.inf
+    while pair.time < 0.1:
+        pair.step()
+        g = pair.grains
+        least = min(least, np.linalg.norm(g.centres[0] - g.centres[1]) - g.radii.sum())
+    assert abs(pair.grains.spins[:, 0]).min() > 1.0 and pair.grains.velocities[0, 0] < 0.6, "they have not met"
+    after, turned = momenta(pair)
+    assert after == pytest.approx(momentum, abs=1e-9 * abs(momentum[0]))
+    assert turned == pytest.approx(angular, rel=1e-9)
+    assert least > -0.05 * L0
+
+
+def test_grains_keep_their_shape_and_a_state_in_a_contact_goes_on_bit_for_bit(pair):
+
+    def distances():
+        rows = pair.particles.read()
+        x = rows["x"][np.argsort(rows["slot"])][:12]
+        return np.linalg.norm(x[:, None] - x[None], axis=-1)
+
+    before = distances()
+    while pair.scheme.contacts.force.to_numpy().max() == 0.0:
+        pair.step()
+    met, ends = pair.state(), []
+    for _ in range(2):
+        for _ in range(10):
+            pair.step()
+        ends.append(pair.state())
+        pair.load(met)
+    for name, values in ends[0].items():
+        assert (
+            np.array_equal(values, ends[1][name]) if isinstance(values, np.ndarray) else name != "time" or values > 0.0
+        )
+    assert ends[0]["time"] == ends[1]["time"]
+    assert distances() == pytest.approx(before, abs=1e-13)
+
+
+def slope(tangent, friction):
+    """A disc on a plane whose slope has this tangent, after 0.2 s."""
+    angle = np.arctan(tangent)
+    gravity = (G * np.sin(angle), -G * np.cos(angle))
+    floor = mps.Plane((0.0, 0.0), (0.0, 1.0), name="floor")
+    sim = dry([(0.0, 0.02)], gravity=gravity, walls=(floor,), friction=friction, wall_loads=True)
+    advance(sim, 0.2)
+    return sim, np.sin(angle), np.cos(angle)
+
+
+def test_a_disc_rolls_down_a_slope_with_two_thirds_of_its_weight_along_it_and_presses_with_its_weight_across():
+    """Its inertia is that of a disc, m a^2/2, not that of its particles as points, which would give 0.69."""
+    sim, along, across = slope(0.3, 0.4)
+    grains, weight = sim.grains, sim.scheme.rigid.mass[0] * G
+    assert grains.velocities[0, 0] == pytest.approx(2.0 / 3.0 * G * along * sim.time, rel=1e-3)
+    assert -grains.spins[0, 0] * grains.radii[0] == pytest.approx(grains.velocities[0, 0], rel=1e-5)
+    loads = sim.measures()
+    assert loads["force_floor_z_N_per_m"] == pytest.approx(-weight * across, rel=1e-5)
+    assert loads["force_floor_x_N_per_m"] == pytest.approx(weight * along / 3.0, rel=1e-3)
+    assert abs(grains.centres[0, 1] - grains.radii[0]) < 1e-3 * L0
+
+
+def test_a_disc_slips_on_a_slope_steeper_than_three_times_its_friction():
+    sim, along, across = slope(1.5, 0.4)
+    assert sim.grains.velocities[0, 0] == pytest.approx(G * (along - 0.4 * across) * sim.time, rel=1e-3)
+    assert -sim.grains.spins[0, 0] * sim.grains.radii[0] == pytest.approx(2.0 * 0.4 * G * across * sim.time, rel=1e-2)
+
+
+def test_a_grain_of_one_and_a_tenth_gaps_rests_on_two_bars_of_one_solid():
+    """The distance of the solid is that of its nearest point: each bar must be a contact. At rest the centre lies where
+    both touch, within the samples of the bars, a quarter of a spacing apart."""
+    size, bar = 6.0 * L0, 2.0 * L0
+    half = 0.5 * size / 1.1 + bar
+
+    def distance(x):
+        return np.minimum(*(np.hypot(x[:, 0] - side * half, x[:, 1]) for side in (-1.0, 1.0))) - bar
+
+    bars = mps.Solid.of(distance, (-0.08, -0.03), (0.08, 0.03), 0.25 * L0)
+    sim = dry([(0.0, 0.07)], 6, gravity=(0.0, -G), walls=(bars,))
+    advance(sim, 0.5)
+    height = ((0.5 * size + bar) ** 2 - half**2) ** 0.5
+    assert sim.scheme.contacts.number[0] == 2
+    assert sim.grains.centres[0] == pytest.approx([0.0, height], abs=0.03 * L0)
+    assert np.abs(sim.grains.velocities).max() < 1e-4
+
+
+def pool(material, extra, **more):
+    """Two discs in a pool 0.2 m wide and 0.16 m deep, heavier than it by ``extra`` [kg/m3]."""
+    x = mps.lattice((0.0, 0.0), (0.2, 0.16), L0)
+    walls = tuple(
+        mps.Plane(*p) for p in (((0.0, 0.0), (0.0, 1.0)), ((0.0, 0.0), (1.0, 0.0)), ((0.2, 0.0), (-1.0, 0.0)))
+    )
+    grains = mps.Grains(diameter=0.04, centres=[(0.1, 0.08), (0.05, 0.1)], density=material.density + extra)
+    domain = (-0.05, -0.05), (0.25, 0.3)
+    return mps.Simulation(mps.Scene("pool", material, L0, x, domain, walls, grains=grains, until=10.0, **more))
+
+
+def test_grains_in_a_yield_stress_that_holds_them_stand_without_creep():
+    """In 60 Pa, heavier by 300 kg/m3: their weight over tau_y D is 1.5, the limit for a disc about 12. What is left is
+    the settling of the pool, which dies away."""
+    sim = pool(mps.Bingham(yield_value=60.0, plastic_viscosity=10.0, density=2000.0), 300.0)
+    start, speeds = sim.grains.centres, []
+    for time in (0.2, 0.4, 0.8):
+        advance(sim, time)
+        speeds.append(np.abs(sim.grains.velocities).max())
+    assert np.abs(sim.grains.centres - start).max() < 1e-3 * L0
+    assert speeds[2] < 2e-6 and speeds[0] > speeds[1] > speeds[2], speeds
+    state = sim.snapshot()
+    assert sorted(np.unique(state.grain)) == [0, 1, 2] and (state.grain == 1).sum() == len(template(4.0, 2)[1])
+
+
+@pytest.mark.slow
+def test_grains_as_dense_as_newtonian_fluid_float():
+    """They move by less than a thousandth of what their weight would make without buoyancy, rho g D^2/eta."""
+    sim = pool(mps.Newtonian(viscosity=10.0, density=2000.0), 0.0)
+    advance(sim, 0.3)
+    assert np.abs(sim.grains.velocities).max() < 1e-3 * 2000.0 * G * 0.04**2 / 10.0
+
+
+@pytest.mark.slow
+def test_a_disc_in_shear_turns_with_half_of_the_shear_rate():
+    """Jeffery 1922, unbounded: gamma/2; four spacings across in a gap of four diameters, from strain 0.4 to 1.5."""
+    side, spacing = 0.08, 0.005
+    x = mps.lattice((0.0, 0.0), (side, side), spacing)
+    walls = tuple(mps.Plane((0.0, z), (0.0, n), velocity=(-0.5 * n * side, 0.0)) for z, n in ((0.0, 1.0), (side, -1.0)))
+    u = np.stack([x[:, 1] - 0.5 * side, 0.0 * x[:, 1]], axis=1)
+    grains = mps.Grains(diameter=4.0 * spacing, centres=[(0.04, 0.04)], density=1000.0)
+    scene = mps.Scene(
+        "shear",
+        mps.Newtonian(viscosity=10.0, density=1000.0),
+        spacing,
+        x,
+        ((0.0, -0.02), (side, side + 0.02)),
+        walls,
+        velocity=u,
+        gravity=(0.0, 0.0),
+        periodic=(True, False),
+        grains=grains,
+        until=10.0,
+    )
+    sim, spins, start = mps.Simulation(scene), [], scene.grain_places[1][0, 1]
+    while sim.time < 1.5:
+        sim.step()
+        spins += [sim.grains.spins[0, 0]] * (sim.time > 0.4)
+    assert np.mean(spins) == pytest.approx(-0.5, rel=0.03)
+    assert abs(sim.grains.centres[0, 1] - start) < 0.02 * spacing
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("across, most", [(4, 1.35), (6, 1.2)])
+def test_spheres_in_a_cubic_array_settle_faster_than_sangani_and_acrivos_by_what_is_told(across, most):
+    """Periodic box two diameters wide, Newtonian, radius of equal volume; series of Sangani and Acrivos 1982. Known to
+    be too fast: by less than the bounds here, and not too slow."""
+    size, n = 0.016, 2 * across
+    spacing, side = size / across, 2.0 * size
+    x = mps.lattice((0.0,) * 3, (side,) * 3, spacing)
+    grains = mps.Grains(diameter=size, centres=[(0.5 * side,) * 3], density=2700.0)
+    fluid = mps.Newtonian(viscosity=20.0, density=2200.0)
+    keywords = {"periodic": (True,) * 3, "until": 10.0, "grains": grains}
+    sim = mps.Simulation(mps.Scene("array", fluid, spacing, x, ((0.0,) * 3, (side,) * 3), **keywords))
+    inside = sim.snapshot().grain > 0
+    share = inside.mean()
+    assert len(x) == n**3
+    equal = spacing * (6.0 * inside.sum() / np.pi) ** (1.0 / 3.0)
+    drag = 1.0 - 1.7601 * share ** (1 / 3) + share - 1.5593 * share**2 + 3.9799 * share ** (8 / 3)
+    speed = 500.0 * G * equal**2 / (18.0 * 20.0) * (drag - 3.0734 * share ** (10 / 3))
+    for _ in range(20):
+        sim.step()
+    u = sim.snapshot().u[:, 2]
+    assert 1.0 < (1.0 - share) * (u[~inside].mean() - u[inside].mean()) / speed < most
