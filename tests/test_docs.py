@@ -30,6 +30,7 @@ BUDGETS = {"a user reads": 16_500, "theory and architecture": 9_800, "architectu
 MAX_OF_A_VERSION = 600  # words of the changelog
 WITHOUT_INFLUENCE = {
     "DIFFERENCE",
+    "NONE",
     "FALL",
     "DOUBTFUL_VOLUME_ERROR",
     "BLOCK",
@@ -40,7 +41,6 @@ WITHOUT_INFLUENCE = {
     "SUMS",
     "SOLVE",
     "RESIDUALS",
-    "FALL",
     "SAMPLE_SIZE",
 }
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
