@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..terms.rigid import Rigid
+
 
 @dataclass(frozen=True, eq=False)
 class GrainState:
@@ -36,7 +38,7 @@ class GrainState:
     radii: np.ndarray
 
     @classmethod
-    def of(cls, rigid) -> "GrainState":
+    def of(cls, rigid: Rigid) -> "GrainState":
         """Read the grains of a scheme.
 
         Parameters

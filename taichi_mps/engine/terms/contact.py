@@ -22,7 +22,7 @@ FEET = 3  # largest number of contacts of a grain with one wall
 SAME_FOOT = 0.5  # cosine between normals from which on feet on a wall are one contact
 STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
 BACK = 0.2  # part of an overlap that is taken back in a step
-NONE = -(1 << 20)  # no partner
+NONE = int(-1e6)  # no partner
 
 
 def most_contacts(radii, surfaces: int) -> int:
