@@ -40,6 +40,9 @@ def targets(name, tree):
             path = [*name.split(".")[: -node.level], node.module] if node.level else (node.module or "").split(".")[1:]
             if node.level or node.module.startswith("taichi_mps"):
                 yield ".".join(filter(None, path)), [each.name for each in node.names]
+        elif isinstance(node, ast.Import):
+            whole = (each.name.partition(".") for each in node.names)
+            yield from ((rest, []) for package, _, rest in whole if package == "taichi_mps")
 
 
 def imports(name, tree):
