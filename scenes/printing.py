@@ -8,6 +8,7 @@ Run time: some CPU-seconds for a section at the default spacing, minutes for a c
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -36,7 +37,8 @@ def model_of(model: str, given: ValidationInfo) -> str:
 
 def dialect_of(dialect: str, given: ValidationInfo) -> str:
     """Dialect of a tool path: the one that it names where none is given."""
-    return tool_path.dialect_of(given.data["gcode"]) if dialect == "auto" and given.data.get("gcode") else dialect
+    path = given.data.get("gcode")
+    return tool_path.dialect_of(path) if dialect == "auto" and path and Path(path).is_file() else dialect
 
 
 @mps.checked

@@ -280,6 +280,6 @@ def test_a_surface_has_the_camera_the_range_and_the_colours_of_the_particles(bod
         seen = np.median(pixels[80:120, 140:170].reshape(-1, 3), axis=0)  # on the cone; shaded, but of the same hue
         np.testing.assert_allclose(seen / seen.max(), expected / expected.max(), atol=0.05)
     assert np.array_equal(smooth.draw(state), smooth.draw(state))
-    fields = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix")
+    fields = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix", "grain")
     nothing = replace(state, **{name: getattr(state, name)[:0] for name in fields})
     assert smooth.draw(nothing).shape == (180, 320, 3)  # before the first layer of an inlet
