@@ -93,6 +93,7 @@ def test_grains_keep_their_shape_and_a_state_in_a_contact_goes_on_bit_for_bit(pa
         x = rows["x"][np.argsort(rows["slot"])][:12]
         return np.linalg.norm(x[:, None] - x[None], axis=-1)
 
+    pair.step()  # from here on particles stand at the places of their grains
     before = distances()
     while pair.scheme.contacts.force.to_numpy().max() == 0.0:
         pair.step()
