@@ -12,12 +12,9 @@ from unittest.mock import AsyncMock
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from starlette.requests import Request
-from starlette.responses import PlainTextResponse
 
 import taichi_mps as mps
 from taichi_mps.app.resident import RESTARTED, Resident
-from taichi_mps.app.server import NO_TOKEN, OnlyHere
 from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.forecast import accuracy
 from taichi_mps.input import catalogue
@@ -451,6 +448,8 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
 def test_without_the_token_nothing_is_read_or_changed(tmp_path):
     """Whoever lacks the token of the address gets one line: for the page, its code, a file and a report of a run, each
     question and the preview; and a run stays where it is. The token gives a cookie, and with that all is there."""
+    from taichi_mps.app.server import NO_TOKEN
+
     recorded(tmp_path / "run", 1, "time")
     asked = [
         ("/ask/delete", '{"names": ["run"]}'),
@@ -486,6 +485,10 @@ def test_without_the_token_nothing_is_read_or_changed(tmp_path):
 
 def test_what_starts_the_browser_is_good_once():
     """The list of processes shows with which address a browser was started: a second one is refused with it."""
+    from starlette.requests import Request
+    from starlette.responses import PlainTextResponse
+
+    from taichi_mps.app.server import OnlyHere
 
     only, home = OnlyHere(None, 80, TOKEN, "once"), AsyncMock(return_value=PlainTextResponse("home"))
     head = {"type": "http", "method": "GET", "path": "/", "headers": [(b"host", b"127.0.0.1:80")]}
