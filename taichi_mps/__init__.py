@@ -4,7 +4,7 @@ import sys
 from importlib import import_module
 from importlib.util import find_spec, spec_from_loader
 
-__version__ = "0.3.0"
+__version__ = "0.4.0.dev0"
 
 # What is public stands once, in __init__.pyi, where editors look, too: lines "from .module import name as public".
 # Loaded at first use: --help is instant, and Ctrl-C is heard before anything large is read.
