@@ -58,6 +58,14 @@ class Term:
         self.walls, self.dimension, self.capacity = fluid.walls, fluid.particles.dimension, fluid.particles.capacity
         vars(self).update(others)
 
+    @ti.func
+    def three_components(self, v):
+        """A vector of d components as one of three, in f64."""
+        w = ti.Vector.zero(ti.f64, 3)
+        for a in ti.static(range(self.dimension)):
+            w[a] = ti.cast(v[a], ti.f64)
+        return w
+
 
 @ti.data_oriented
 class Constants:

@@ -82,7 +82,7 @@ class Contacts(Term):
                 for c in range(g * self.most, g * self.most + self.number[g]):
                     known = known or self.partner[c] == h
                 if not known:
-                    r = -self.rigid.in_space(
+                    r = -self.three_components(
                         self.neighbors.bins.displacement(centre, self.rigid.in_scene(self.rigid.centre[h]))
                     )
                     gap = r.norm() - self.rigid.radius[g] - self.rigid.radius[h]
@@ -118,7 +118,7 @@ class Contacts(Term):
     def foot(self, wall: ti.template(), x):
         """Distance of a point x [m] from a wall, its foot there [m], and the velocity of the wall [m/s]."""
         z, n, velocity, _curvature = wall.nearest(self.rigid.in_scene(x))
-        return z, x - ti.cast(z, ti.f64) * self.rigid.in_space(n), self.rigid.in_space(velocity)
+        return z, x - ti.cast(z, ti.f64) * self.three_components(n), self.three_components(velocity)
 
     @ti.func
     def add(self, g, other, normal, gap, velocity):

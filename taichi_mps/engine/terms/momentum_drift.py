@@ -66,14 +66,6 @@ class MomentumDrift(Term):
             if self.particles.kind[i] == FLUID:
                 u[i] -= self.excess[None]
 
-    @ti.func
-    def in_space(self, v):
-        """A vector as one of three components."""
-        w = ti.Vector.zero(ti.f64, 3)
-        for a in ti.static(range(self.dimension)):
-            w[a] = ti.cast(v[a], ti.f64)
-        return w
-
     @stage("momentum")
     def restore_angular_momentum(self, u: ti.template()):
         """u <- u - w x y, y from the centre of mass, I the inertia about it: gravity turns nothing.
@@ -87,19 +79,21 @@ class MomentumDrift(Term):
             for i in range(self.particles.count[None]):
                 m = ti.cast(self.particles.volume(i) * self.constants.density_of(i), ti.f64)
                 mass += m
-                centre += m * self.in_space(self.particles.x[i])
-                mean += m * self.in_space(u[i])
+                centre += m * self.three_components(self.particles.x[i])
+                mean += m * self.three_components(u[i])
             centre /= mass
             inertia, gain = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
             for i in range(self.particles.count[None]):
                 m = ti.cast(self.particles.volume(i) * self.constants.density_of(i), ti.f64)
-                y = self.in_space(self.particles.x[i]) - centre
-                gain += m * (y + self.in_space(self.shifting.shift[i])).cross(self.in_space(u[i]) - mean / mass)
-                gain -= m * y.cross(self.in_space(self.particles.u[i]))
+                y = self.three_components(self.particles.x[i]) - centre
+                gain += m * (y + self.three_components(self.shifting.shift[i])).cross(
+                    self.three_components(u[i]) - mean / mass
+                )
+                gain -= m * y.cross(self.three_components(self.particles.u[i]))
                 inertia += m * (y.dot(y) * I - y.outer_product(y))
             self.centre[None] = centre
             self.excess_rotation[None] = (inertia + 1e-9 * inertia.trace() * I).inverse() @ gain
         for i in range(self.particles.count[None]):
-            v = self.excess_rotation[None].cross(self.in_space(self.particles.x[i]) - self.centre[None])
+            v = self.excess_rotation[None].cross(self.three_components(self.particles.x[i]) - self.centre[None])
             for a in ti.static(range(self.dimension)):
                 u[i][a] -= ti.cast(v[a], float)

@@ -88,14 +88,6 @@ class Rigid(Term):
 
     # ---- in kernels ------------------------------------------------------------------------------------------------
     @ti.func
-    def in_space(self, v):
-        """A vector as one of three components, in f64."""
-        w = ti.Vector.zero(ti.f64, 3)
-        for a in ti.static(range(self.dimension)):
-            w[a] = ti.cast(v[a], ti.f64)
-        return w
-
-    @ti.func
     def in_scene(self, v):
         """The first d components of a vector."""
         w = ti.Vector.zero(ti.f64, self.dimension)
@@ -116,7 +108,7 @@ class Rigid(Term):
         """sum v_m and sum y_m x v_m of the rows of grain g: of forces, its force and torque."""
         total, moment = ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
         for m in range(self.begin[g], self.begin[g + 1]):
-            w = self.in_space(v[self.row[m]])
+            w = self.three_components(v[self.row[m]])
             total += w
             moment += self.arm[m].cross(w)
         return total, moment
