@@ -1,5 +1,7 @@
 """Workarounds for wrong, slow or verbose parts of the kernel language; the speed patch changes no bit."""
 
+import ast
+import gc
 import warnings
 
 import numpy as np
@@ -124,20 +126,49 @@ def test_it_warns_of_functions_without_a_mark_and_of_long_loops_that_are_unrolle
 PATCHED = """
 import hashlib, inspect, re
 import taichi_mps.engine.runtime.backend
-from taichi.lang import kernel_impl
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
-print(hashlib.sha256(inspect.getsource(ASTTransformerContext.get_pos_info).encode()).hexdigest()[:16])
-print(*re.findall(r"getsource\\w+\\(|textwrap\\.\\w+", inspect.getsource(kernel_impl)))
+from taichi.lang import kernel_impl, snode
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
+for replaced in ASTTransformerContext.get_pos_info, Builder.__call__, kernel_impl.transform_tree, snode.get_traceback:
+    print(hashlib.sha256(inspect.getsource(replaced).encode()).hexdigest()[:16], end=" ")
+print(*re.findall(r"getsource\\w+\\(|textwrap\\.\\w+| ast\\.\\w+|transform_tree\\(", inspect.getsource(kernel_impl)))
 """
+HERE = "fabeb718a3ead74d", "37fb69c0e9ebf033", "e888203947a2a0fb", "58cf656ed1b8487c"
+USES = "getsourcefile( getsourcelines( textwrap.fill ast.parse textwrap.dedent" + 3 * " transform_tree("
 
 
 @pytest.mark.skipif(workarounds.LANGUAGE != "taichi", reason="a patch of Taichi")
 @pytest.mark.parametrize("switch", [None, "0"])
 def test_the_speed_patch_replaces_what_it_was_written_for_unless_it_is_switched_off(switch):
-    """The text of the method that it replaces, and the uses of the functions that it caches, are those of 1.7.4."""
-    method, uses = child("-c", PATCHED, TAICHI_MPS_WORKAROUNDS=switch).stdout.splitlines()
-    assert (method == "fabeb718a3ead74d") == (switch == "0")
-    assert uses == "getsourcefile( getsourcelines( textwrap.fill textwrap.dedent"
+    """The texts of what it replaces, and the uses of what it caches, are those of 1.7.4."""
+    *replaced, uses = child("-c", PATCHED, TAICHI_MPS_WORKAROUNDS=switch).stdout.split(" ", 4)
+    assert [text in HERE for text in replaced] == [switch == "0"] * 4
+    assert uses.split() == USES.split()
+
+
+@ti.func
+def twice(x):
+    return 2.0 * x
+
+
+@pytest.mark.skipif(not workarounds.PATCHED, reason="a patch of Taichi 1.7.4")
+def test_a_function_that_is_called_in_its_own_argument_is_read_rightly_and_keeps_no_field():
+    """Its syntax tree serves each call, one at a time, and holds nothing of a kernel that was compiled before."""
+
+    def compiled(factor):
+        rows = ti.field(ti.f64, 3)
+
+        @ti.kernel
+        def run():
+            for i in rows:
+                rows[i] = twice(factor * twice(1.0 + twice(ti.cast(i, ti.f64) + rows[i])))
+
+        run()
+        return rows.to_numpy().tolist()
+
+    for factor in (1.0, 3.0):
+        assert compiled(factor) == [4.0 * factor * (1.0 + 2.0 * i) for i in range(3)]
+    gc.collect()
+    assert not any(isinstance(node, ast.AST) and hasattr(node, "ptr") for node in gc.get_objects())
 
 
 # ---- silence and speed ----------------------------------------------------------------------------------------------
