@@ -369,6 +369,11 @@ class Checked(BaseModel):
         }
 
     @classmethod
+    def instead_of(cls, key: str) -> str:
+        """Return what a message says after the name of an unknown key: which key is near, or ''."""
+        return suggestion(key, cls.model_fields)
+
+    @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         cls.rules = [(k, note) for k, field in cls.model_fields.items() for note in notes(field) if type(note) is Only]
         cls.__pydantic_validator__  # noqa: B018  (build now, so that a wrong declaration fails at import)
@@ -391,18 +396,13 @@ def unit_of(field) -> Unit:
     return next((note for note in notes(field) if isinstance(note, Unit)), Unit(""))
 
 
-NUMBERS: dict[str, str] = {}  # of a mix, {name: its law}, as problem/materials.py declares them
-
-
 def suggestion(key, known) -> str:
-    """Return ', a number of the law ...' of a mix, ', did you mean ...?' or ''."""
-    if law := NUMBERS.get(str(key).lstrip("-").replace("-", "_")):
-        return f", a number of the law {law}; must be left out here"
+    """Return ', did you mean ...?' with the nearest of the known keys, or ''."""
     close = difflib.get_close_matches(str(key), [str(name) for name in known], n=1)
     return f", did you mean '{close[0]}'?" if close else ""
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> dict[str, str]:
+def explain(error: ValidationError, model: type[Checked]) -> dict[str, str]:
     """Describe every violation by its key as 'key = value unit: what is allowed'.
 
     Alternatives of a key are joined with 'or', several violations with '; ', and those of unknown keys are of ''.
@@ -424,7 +424,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> dict[str, str]:
             shown += f" {unit}" if unit else ""
         line = f"{key} = {shown}: {allowed}"
         if kind == "extra_forbidden":
-            key, line = "", f"unknown key '{key}'{suggestion(key, model.model_fields)}"
+            key, line = "", f"unknown key '{key}'{model.instead_of(key)}"
         elif kind == "missing":
             line = f"{key} is missing" + (f" [{unit}]" if unit else "")
         elif not key:  # of several keys together, which the message names
@@ -457,9 +457,10 @@ def checked(function: Callable[..., T]) -> Callable[..., T]:
 
     Notes
     -----
-    A parameter that is a ``Checked`` record, such as ``material: Bingham = Bingham(yield_value=40.0)``, stands for the
-    fields of the record: each is a keyword with the record's own unit, range and help, and the value in the default is
-    its default. Options of the command line, parameters of a sweep and those of a checkpoint come from it.
+    A parameter that is a ``Checked`` record, such as ``material: Bingham = Bingham(yield_value=40.0)``, or any law,
+    ``material: Concrete``, stands for its fields: each is a keyword with the record's own unit, range and help, and the
+    value in the default is its default. Options of the command line, parameters of a sweep and those of a checkpoint
+    come from it.
 
     Examples
     --------
@@ -477,8 +478,7 @@ def checked(function: Callable[..., T]) -> Callable[..., T]:
     """
     require(inspect.isfunction(function), f"function = {quote(function, '')}: must be a function of keywords")
     arguments = inspect.signature(function).parameters
-    kinds = {name: p.annotation for name, p in arguments.items() if isinstance(p.annotation, type)}
-    records = {name: kind for name, kind in kinds.items() if issubclass(kind, Checked)}
+    records = {name: p.annotation for name, p in arguments.items() if hasattr(p.annotation, "from_values")}
     fields = {}
     for name, parameter in arguments.items():
         new = {name: (parameter.annotation, ... if parameter.default is parameter.empty else parameter.default)}

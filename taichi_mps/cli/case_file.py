@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from ..engine import NUMERICS, Implicit
+from ..engine import LAW_OF, NUMERICS, Implicit
 from ..input import catalogue
 from ..input.labels import OPTIONS, keyword_description
 from ..io.checkpoint import FORMS_OF_0_2
 from ..report.inputs import OMITTED, option
-from ..units import NUMBERS, SceneError, regular_file, require, suggestion, unit_of, user_path
+from ..units import SceneError, regular_file, require, suggestion, unit_of, user_path
 from .options import GROUPS, Run, group_of, is_tuple, suggested
 
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # keywords by the names of options
@@ -104,7 +104,7 @@ def command_words(path: Path) -> list[str]:
             f"case = {path}: {name} = {value}: must be a number or a text",
         )
         # a switch that is off has no option, and a number of the mix at its default must not choose a law
-        if value != known[name][1].default or not (isinstance(value, bool) or name in NUMBERS):
+        if value != known[name][1].default or not (isinstance(value, bool) or name in LAW_OF):
             options.append(option(name, value, known))
     return [source, *options]
 

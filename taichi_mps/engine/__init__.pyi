@@ -27,6 +27,7 @@ from .problem.inlet import Inlet as Inlet
 from .problem.jolt import Jolt as Jolt
 from .problem.materials import COMMON_NUMBERS as COMMON_NUMBERS
 from .problem.materials import FLOW_THRESHOLD as FLOW_THRESHOLD
+from .problem.materials import LAW_OF as LAW_OF
 from .problem.materials import LAWS as LAWS
 from .problem.materials import AnyMaterial as AnyMaterial
 from .problem.materials import Bingham as Bingham

@@ -200,9 +200,8 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords: A
         choice = choose(valid.accuracy, **fixed, mix=mix, height=valid.height, lift_speed=lift_speed)
         warnings.warn(f"accuracy = {1e3 * valid.accuracy:g} mm: {choice}", stacklevel=3)
         return build(name, material, **{**keywords, "model": choice.model, "spacing": choice.spacing})
-    numbers = dict.fromkeys(Concrete.model_fields) | dict(material) if material else {}
-    mix_numbers = {name: value for name, value in numbers.items() if name in Concrete.model_fields}
-    return replace(scene, parameters=valid.model_dump(mode="json") | mix_numbers)
+    numbers = {name: dict(material).get(name) for name in Concrete.model_fields} if material else {}
+    return replace(scene, parameters=valid.model_dump(mode="json") | numbers)
 
 
 def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:

@@ -2,7 +2,7 @@
 
 import re
 
-from ..engine import COMMON_NUMBERS, Concrete, chooses_law
+from ..engine import COMMON_NUMBERS, LAWS, chooses_law, numbers_of
 from ..units import quote, unit_of
 
 # results by the end of their names: factor, unit, format; longer ends first
@@ -169,7 +169,7 @@ def constants_of(facts: dict) -> dict[str, str]:
     names = ["yield_value", *(name for name in facts if name not in others), "density"]
     numbers = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
     given = {name: value for name, value in numbers.items() if name in COMMON_NUMBERS or chooses_law(name, value)}
-    units = {name: unit_of(field) for name, field in Concrete.model_fields.items()}
+    units = {name: unit_of(field) for law in LAWS for name, field in numbers_of(law).items()}
     return {in_words(name): quote(float(value), units.get(name, "")) for name, value in given.items()}
 
 

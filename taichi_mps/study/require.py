@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, model_validator
 
+from ..engine import LAW_OF
 from ..input import catalogue
-from ..units import NUMBERS, Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, require, unit_of
+from ..units import Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, require, unit_of
 from .case import case
 from .case import run as run_case
 from .emulator import DENSITY, emulator_of
@@ -125,7 +126,7 @@ def runs_to_expect(wanted: Wanted, viscosities: int) -> int:
 def require_bingham(form, parameters: dict) -> None:
     """Raise SceneError where the parameters of a form give its mixes another law than Bingham's."""
     fields = catalogue.load(form.name).parameters.model_fields
-    given = [name for name in parameters if name in NUMBERS]
+    given = [name for name in parameters if name in LAW_OF]
     numbers = ", ".join(f"{name} = {quote(form.parameters[name], unit_of(fields[name]))}" for name in given)
     bingham = form.material.straight and not parameters.keys() & form.material.viscous
     require(

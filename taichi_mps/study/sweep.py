@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from pydantic import InstanceOf
 
-from ..engine import LAWS, Problem, numbers_of
+from ..engine import Concrete, Problem
 from ..forecast.accuracy import choose
 from ..input import catalogue
 from ..input.catalogue import SceneName
@@ -33,7 +33,7 @@ ACCURACY = 0.005  # of the slump [m], which chooses model and spacing where the 
 CHOOSES = {"accuracy", "model", "spacing", "lift_speed"}  # keywords of which one that is given says what is computed
 MAX_CASES = 100_000  # of a study
 SAMPLED, SERIAL = 8, {"precision": "f32", "threads": 1}  # cases to forecast, and how they run
-IN_FIELDS = {name for law in LAWS for name in numbers_of(law)} - {"friction_angle"}  # numbers read from fields
+IN_FIELDS = {*Concrete.model_fields} - {"friction_angle"}  # numbers read from fields
 TABLE_INTERVAL = 2.0  # [s] between two tables of an unfinished study; the journal has every row at once
 
 

@@ -6,16 +6,15 @@ scheme needs. A scene that takes ``material: Concrete`` has the numbers of all L
 
 import math
 import warnings
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from types import NoneType
 from typing import TYPE_CHECKING, Any, ClassVar, get_type_hints
 
 import numpy as np
-from pydantic import Field, create_model, model_validator
+from pydantic import Field, model_validator
 
 from ...units import (
-    NUMBERS,
     Angle,
     AnyDensity,
     Checked,
@@ -130,6 +129,24 @@ class Material(Checked):
             Material with no number left to choose.
         """
         return self
+
+    @classmethod
+    def instead_of(cls, key: str) -> str:
+        """Return what a message says after the name of an unknown number: the law that has it, or which is near.
+
+        Parameters
+        ----------
+        key : str
+            Name of the number.
+
+        Returns
+        -------
+        str
+            Text that follows the name, or ''.
+        """
+        if key in LAW_OF:
+            return f", a number of the law {LAW_OF[key].__name__}; must be left out here"
+        return super().instead_of(key)
 
     def facts(self) -> dict:
         """Return the description of the material, JSON-ready.
@@ -588,6 +605,8 @@ def numbers_of(law: type[Material]) -> dict:
 # laws whose numbers are options of every scene; the first is the default
 LAWS = (Bingham, HerschelBulkley, Casson)
 COMMON_NUMBERS = set.intersection(*(set(numbers_of(law)) for law in LAWS))
+# other numbers of a mix, {name: the first law that has it}
+LAW_OF = {name: law for law in reversed(LAWS) for name in numbers_of(law) if name not in COMMON_NUMBERS}
 MATERIALS = f"{', '.join(law.__name__ for law in LAWS)}, Newtonian, FlowCurve or another Law"
 if TYPE_CHECKING:
     AnyMaterial = Material
@@ -595,24 +614,28 @@ else:
     AnyMaterial = instance(Material, MATERIALS)
 
 
-def numbers_of_all_laws() -> dict:
-    """Return the numbers of all LAWS as pydantic declares fields.
+def numbers_of_all_laws() -> tuple[dict, dict]:
+    """Return the numbers of all LAWS as pydantic declares fields, {name: annotation} and {name: field}.
 
     A viscous constant has no default, since it chooses the law.
     """
-    fields = {}
+    options, fields = {}, {}
     for law in LAWS:
         hints, whose = get_type_hints(law, include_extras=True), f" ({law.__name__})" if law is not LAWS[0] else ""
         for name, field in numbers_of(law).items():
             default = Field(None if name in law.viscous else field.default, description=f"{field.description}{whose}")
-            fields.setdefault(name, (hints[name] if name in COMMON_NUMBERS else hints[name] | None, default))
-    return fields
+            options.setdefault(name, hints[name] if name in COMMON_NUMBERS else hints[name] | None)
+            fields.setdefault(name, default)
+    return options | Material.options, fields
 
 
-class Concrete(create_model("Numbers", __base__=Material, **numbers_of_all_laws())):
-    """Mix given by numbers of any law.
+class Concrete(ABC):  # noqa: B024  (what is registered below is complete)
+    """Abstract base class of all materials, which makes one from the numbers of any law.
 
-    The parameters are the fields below.
+    Parameters
+    ----------
+    **numbers : float or str
+        Numbers of ``Bingham``, ``HerschelBulkley`` or ``Casson``, in SI units or text with a unit.
 
     Raises
     ------
@@ -622,16 +645,20 @@ class Concrete(create_model("Numbers", __base__=Material, **numbers_of_all_laws(
     Notes
     -----
     ``Concrete(...)`` makes the law that has the numbers given, ``Bingham`` where these are of several. A scene that
-    takes ``material: Concrete`` has all the numbers as options and is given that law.
+    takes ``material: Concrete`` has all the numbers as options and is given that law. Materials are registered, not
+    derived: Python would initialise a derived one again, with the numbers given.
 
     Examples
     --------
     >>> import taichi_mps as mps
     >>> type(mps.Concrete(yield_value=60.0)).__name__
     'Bingham'
-    >>> type(mps.Concrete(yield_value=60.0, consistency=20.0)).__name__
-    'HerschelBulkley'
+    >>> thickens = mps.Concrete(yield_value=60.0, consistency=20.0, flow_index=1.5)
+    >>> type(thickens).__name__, isinstance(thickens, mps.Concrete)
+    ('HerschelBulkley', True)
     """
+
+    options, model_fields = numbers_of_all_laws()
 
     def __new__(cls, **numbers: Any):
         """Make the law of these numbers."""
@@ -670,8 +697,8 @@ class Concrete(create_model("Numbers", __base__=Material, **numbers_of_all_laws(
         )
         known = numbers_of(law)
         by = " and ".join(name for name in choosing if name in known and name not in COMMON_NUMBERS)
-        for name in (name for name in choosing if name in NUMBERS and name not in known):
-            key = f"{name} = {quote(given[name], unit_of(cls.model_fields[name]))}"
+        for name in (name for name in choosing if name in LAW_OF and name not in known):
+            key = f"{name} = {quote(given[name], unit_of(LAW_OF[name].model_fields[name]))}"
             require(
                 name in law.viscous, f"{key}: the law {law.__name__}, by {by}, has no such number; must be left out"
             )
@@ -686,7 +713,7 @@ class Concrete(create_model("Numbers", __base__=Material, **numbers_of_all_laws(
         return law(**{name: value for name, value in numbers.items() if name in known or name in unknown})
 
 
-NUMBERS |= {name: law.__name__ for law in reversed(LAWS) for name in numbers_of(law) if name not in COMMON_NUMBERS}
+Concrete.register(Material)
 
 
 def chooses_law(name: str, value) -> bool:
