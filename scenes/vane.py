@@ -37,7 +37,7 @@ def scene(
     cup_radius: Length = Field(0.05, description="radius of the cup"),
     blades: Annotated[Count, Only("body", ("vane",)), Field(description="blades of the vane")] = 6,
     thickness: Annotated[Length, Only("body", ("vane",))] = Field(0.001, description="thickness of a blade"),
-    turns: Annotated[Ratio, Only("until", False), Field(description="share of a turn that is computed")] = 0.25,
+    turns: Annotated[Ratio, Only("until", False), Field(description="fraction of a turn that is computed")] = 0.25,
     until: Duration | None = None,
     model: Literal["section", "full"] = "section",
 ) -> mps.Scene:

@@ -59,7 +59,7 @@ def scene(
         WALL,
         Field(description="where the hose is: fixed above the form, or near the concrete"),
     ] = "above",
-    fill_ratio: Ratio = Field(0.95, description="share of the form that is poured"),
+    fill_ratio: Ratio = Field(0.95, description="fraction of the form that is poured"),
     sides: Literal["smooth", "rough"] = "smooth",
     measure_pressure: Annotated[bool, WALL] = Field(False, description="measure the pressure on the sides"),
     until: Annotated[

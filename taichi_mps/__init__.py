@@ -48,7 +48,8 @@ class _Moved:
         sys.modules[module.__name__] = import_module(module.__spec__.origin)
 
 
-sys.meta_path.insert(0, _Moved)
+# the only finder of this module, also where it is loaded again
+sys.meta_path[:] = [_Moved, *(finder for finder in sys.meta_path if getattr(finder, "__module__", "") != __name__)]
 
 __all__ = [*_PUBLIC]
 

@@ -7,8 +7,9 @@ what its list says.
 
 import ast
 import re
+import sys
 from graphlib import TopologicalSorter
-from importlib import import_module
+from importlib import import_module, reload
 from pathlib import Path
 
 import pytest
@@ -98,6 +99,17 @@ def test_modules_are_found_by_their_names_of_before(former, now):
     assert found is import_module(f"taichi_mps.{now}") and found.__spec__.name == f"taichi_mps.{now}"
     parent, _, name = former.rpartition(".")
     assert not parent or getattr(__import__(f"taichi_mps.{parent}", fromlist=[name]), name) is found
+
+
+def test_the_package_loaded_again_finds_former_names_once():
+    before, package = list(sys.meta_path), sys.modules["taichi_mps"]
+    try:
+        for _ in range(2):
+            assert reload(package) is package
+        assert sys.meta_path[1:] == before[1:] and sys.meta_path[0] is package._Moved is not before[0]
+        assert import_module("taichi_mps.problem.labels") is import_module("taichi_mps.input.labels")
+    finally:
+        sys.meta_path[:] = before
 
 
 def test_every_room_stands_in_the_list_and_nothing_lies_loose():

@@ -28,12 +28,12 @@ def wrong(error: Exception) -> dict[str, str]:
 
 def tests() -> list[dict]:
     """List of all tests: name, description, whether it has a preview, and fields by scheme; slump first."""
-    found = []
+    entries = []
     for name, text in sorted(catalogue.describe().items(), key=lambda item: item[0] != "slump"):
         function = catalogue.load(name)
         fields = {scheme: fields_of(keywords(function, numerics)) for scheme, numerics in NUMERICS.items()}
-        found.append({"name": name, "help": text, "preview": name in PREVIEW_MODELS, "fields": fields})
-    return found
+        entries.append({"name": name, "help": text, "preview": name in PREVIEW_MODELS, "fields": fields})
+    return entries
 
 
 def fields_of(known: dict) -> list[dict]:
@@ -42,8 +42,8 @@ def fields_of(known: dict) -> list[dict]:
     def place(name):
         return GROUPS.index(group_of(name, known[name][0])), FIRST.index(name) if name in FIRST else len(FIRST)
 
-    asked = sorted(known, key=lambda name: (*place(name), list(known).index(name)))
-    return [field_facts(name, known[name][1]) | {"group": GROUPS[place(name)[0]]} for name in asked]
+    names = sorted(known, key=lambda name: (*place(name), list(known).index(name)))
+    return [field_facts(name, known[name][1]) | {"group": GROUPS[place(name)[0]]} for name in names]
 
 
 def measurements() -> list[dict]:

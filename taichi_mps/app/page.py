@@ -45,7 +45,7 @@ class Page:
         self.preview_process, self.forecast_process = Resident("preview"), Resident("forecast")
         self.known = {test["name"]: test for test in form.tests()}
         self.runs = runs
-        own = self.tests, self.forecast, self.run, self.calibrate, self.found, self.jobs, self.stop
+        own = self.tests, self.forecast, self.run, self.calibrate, self.result, self.jobs, self.stop
         of_runs = runs.list, runs.show, runs.compare, runs.resume, runs.rename, runs.delete, runs.restore
         self.answers = {answer.__name__: answer for answer in (*own, *of_runs, runs.empty)}
 
@@ -116,7 +116,7 @@ class Page:
         words = ["calibrate", "--json", *form.options(query.values), *(["--no-check"] if not query.check else [])]
         return self.enqueue(Job("calibration", words))
 
-    def found(self, query: Query) -> dict:
+    def result(self, query: Query) -> dict:
         """Result of a calibration."""
         job = self.job_of(query)
         facts = json.loads(job.output) if job.words[0] == "calibrate" and job.state == "done" else {}
@@ -159,9 +159,9 @@ def verdict(facts: dict) -> str:
         return f"{head}{': ' * bool(statements)}{', '.join(statements)}."
     known_texts, unknown = [], []
     for name, value in facts["mix"].items():
-        words, unit, found = in_words(name), CONSTANT_UNITS[name], (facts["friction"] if friction else facts)[name]
-        low, high = (end and rounded(end, 2) for end in (found["lower"], found["upper"]))
-        if found["low"] == found["high"]:
+        words, unit, estimate = in_words(name), CONSTANT_UNITS[name], (facts["friction"] if friction else facts)[name]
+        low, high = (end and rounded(end, 2) for end in (estimate["lower"], estimate["upper"]))
+        if estimate["low"] == estimate["high"]:
             known_texts.append(f"{words} {rounded(value, 2)} {unit}, as given")
         elif low or high:
             span = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}"

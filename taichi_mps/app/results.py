@@ -106,10 +106,10 @@ def row(folder: RunFolder) -> dict:
             "result": measured(summary),
             "end": end_of(summary),
         }
-        found = {key: summary[key] for key in LEADING if isinstance(summary.get(key), float)}
+        leading = {key: summary[key] for key in LEADING if isinstance(summary.get(key), float)}
         errors = {key: summary.get(key.replace("_m", "_expected_error_m")) for key in ("slump_m", "spread_m")}
         facts |= {key: text_of(text) for key, text in words.items()}
-        return facts | {"whole": summary["stopped_by"] in ENDED_WELL, "numbers": numbers(found), "errors": errors}
+        return facts | {"whole": summary["stopped_by"] in ENDED_WELL, "numbers": numbers(leading), "errors": errors}
     except Exception as error:  # a folder may come from anybody
         return facts | {"end": f"This cannot be read: {text_of(error) or type(error).__name__}"}
 
@@ -122,17 +122,17 @@ class Runs:
 
     def folders(self, place: Path) -> list[RunFolder]:
         """Run folders in a folder, the latest first."""
-        found = [RunFolder(path) for path in place.glob("*") if path.is_dir()] if place.is_dir() else []
-        return sorted((folder for folder in found if folder.ours), key=written_at, reverse=True)
+        folders = [RunFolder(path) for path in place.glob("*") if path.is_dir()] if place.is_dir() else []
+        return sorted((folder for folder in folders if folder.ours), key=written_at, reverse=True)
 
     def rows(self) -> list[dict]:
         """Rows of the list; a row is updated when its run has changed."""
-        found = {}
+        rows = {}
         for folder in self.folders(self.queue.folder):
             key = folder.path, written_at(folder), lock.writer(folder.path)
-            found[key] = self.known[key] if key in self.known and not key[2] else row(folder)
-        self.known = found
-        return list(found.values())
+            rows[key] = self.known[key] if key in self.known and not key[2] else row(folder)
+        self.known = rows
+        return list(rows.values())
 
     def named(self, name: str, place: Path | None = None) -> RunFolder:
         """Run folder by its name; SceneError if there is none."""
@@ -217,10 +217,10 @@ class Runs:
         os.rename(folder.path, to)
 
 
-def numbers(found: dict) -> dict:
+def numbers(measures: dict) -> dict:
     """Measures by key: value or None, value as text, and name."""
     shown = {}
-    for key, value in found.items():
+    for key, value in measures.items():
         if is_measure(key) and key not in NO_NUMBERS:
             there = value is not None and math.isfinite(value)
             shown[key] = [value if there else None, written(key, value) if there else "not reached", title(key)]

@@ -90,9 +90,9 @@ class OnlyHere(BaseHTTPMiddleware):
         changes anything comes as JSON, which no form of another page can send."""
         headers = request.headers
         at_home = headers.get("host") in self.hosts and set(headers.getlist("origin")) <= self.origins
-        asked_by = set(headers.getlist("sec-fetch-site")) <= {"same-origin", "none"}
+        same_site = set(headers.getlist("sec-fetch-site")) <= {"same-origin", "none"}
         known = request.method in ("GET", "HEAD") or headers.get("content-type") == "application/json"
-        return at_home and asked_by and known and "j" not in request.query_params
+        return at_home and same_site and known and "j" not in request.query_params
 
 
 def file_of(folder, run: str, name: str) -> FileResponse:
@@ -126,18 +126,18 @@ def routes(page: Page) -> list[Route]:
         shown = file_of(page.queue.folder, run_of(request), REPORT)
         return FileResponse(shown.path, headers={"Content-Security-Policy": REPORT_POLICY})
 
-    async def asked(request: Request):
+    async def answer(request: Request):
         if int(request.headers.get("content-length", MAX_REQUEST_BYTES)) >= MAX_REQUEST_BYTES:
             raise HTTPException(413)
         what = request.path_params["what"]
         try:
-            question = Query(**json.loads(await request.body()))
+            query = Query(**json.loads(await request.body()))
             if what == "preview":
-                return StreamingResponse(lines_of(page.preview(question)), media_type="application/x-ndjson")
+                return StreamingResponse(lines_of(page.preview(query)), media_type="application/x-ndjson")
             if what not in page.answers:
                 raise HTTPException(404)
-            found = page.answers[what](question)
-            return JSONResponse(strict(await found if isawaitable(found) else found or {}))
+            result = page.answers[what](query)
+            return JSONResponse(strict(await result if isawaitable(result) else result or {}))
         except (OSError, ValueError, TypeError, RecursionError) as error:  # SceneError is a ValueError
             return JSONResponse({"wrong": wrong(error)})
 
@@ -146,7 +146,7 @@ def routes(page: Page) -> list[Route]:
         Mount("/static", StaticFiles(directory=STATIC)),
         Route("/runs/{name}/{file:path}", run_file),
         Route("/report/{name}", report),
-        Route("/ask/{what}", asked, methods=["POST"]),
+        Route("/ask/{what}", answer, methods=["POST"]),
     ]
 
 

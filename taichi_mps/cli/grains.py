@@ -11,9 +11,9 @@ ACROSS = 4.0  # spacings across the smallest grain, where no spacing is given
 
 
 @checked
-def row(diameter: Length, share: Ratio = 1.0) -> tuple[float, float]:
-    """Diameter [m] and share of a word of a grading."""
-    return diameter, share
+def row(diameter: Length, fraction: Ratio = 1.0) -> tuple[float, float]:
+    """Diameter [m] and fraction of a word of a grading."""
+    return diameter, fraction
 
 
 def grains_of(options) -> Grains | None:
@@ -26,10 +26,10 @@ def grains_of(options) -> Grains | None:
         return None
     require("volume" in given, f"grains = {options.grains}: needs --grains-volume, such as 0.3")
     grading = [word.split(":") for word in options.grains.split("+")]
-    wrong = f"grains = {options.grains}: must be a diameter, 12mm, or diameters and shares, 8mm:0.4+16mm:0.6"
+    wrong = f"grains = {options.grains}: must be a diameter, 12mm, or diameters and fractions, 8mm:0.4+16mm:0.6"
     require(all(len(words) == (1 if len(grading) == 1 else 2) for words in grading), wrong)
     try:
-        rows = [row(**dict(zip(("diameter", "share"), words, strict=False))) for words in grading]
+        rows = [row(**dict(zip(("diameter", "fraction"), words, strict=False))) for words in grading]
     except SceneError as error:
         raise SceneError(f"{wrong} ({error})") from None
     diameter = rows[0][0] if len(rows) == 1 else rows

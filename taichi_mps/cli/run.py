@@ -222,8 +222,8 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
 
 @contextmanager
 def progress(sim, recorder, quiet, verbose, clock):
-    """Context with a progress line on a terminal: flow time, share done, result so far, time left; and with the file of
-    the clock for other processes."""
+    """Context with a progress line on a terminal: flow time, fraction done, result so far, time left; and with the file
+    of the clock for other processes."""
     console = Console(stderr=True)
     shown = console.is_terminal and not quiet
     columns = TextColumn("{task.description}"), BarColumn(30), TextColumn("{task.percentage:.0f} %{task.fields[left]}")
@@ -245,7 +245,7 @@ def progress(sim, recorder, quiet, verbose, clock):
                 text += (
                     f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.outer_iterations}/{r.solver_iterations}"
                 )
-            bar.update(task, completed=now["share"], description=text, left=f", {duration_text(now['left_s'])} left")
+            bar.update(task, completed=now["fraction"], description=text, left=f", {duration_text(now['left_s'])} left")
             recorder.folder.tell(now | {"measures": recorder.measures})
 
         sim.each_step(show)

@@ -24,8 +24,8 @@ READY = {False: 2.0, True: 2.3}  # [s] of the first step, in space or not, with 
 COMPILING = {False: (2.8, 0.2), True: (2.8, 0.9)}  # [s] with kernels compiled anew, and more for each wall
 ROW = 4e-3  # [s] of the measures and the row of a step
 TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
-TRUSTED = 0.05  # share of a flow that tells as much about it as the forecast
-REMAINING_SHARE = 0.1  # share of the time or the steps taken that is still expected where too little was told
+TRUSTED = 0.05  # fraction of a flow that tells as much about it as the forecast
+REMAINING_FRACTION = 0.1  # fraction of the time or the steps taken that is still expected where too little was told
 MIN_INTERVAL = 0.1  # [s] between two answers
 
 
@@ -88,7 +88,7 @@ class Clock:
         self.part, self.since = part, now
 
     def now(self, sim) -> dict[str, float] | None:
-        """Seconds passed and left of a run, the share that is done and the expected end of the flow [s]; None within
+        """Seconds passed and left of a run, the fraction that is done and the expected end of the flow [s]; None within
         MIN_INTERVAL of the last answer."""
         now = time.monotonic()
         if now - self.last_answer < MIN_INTERVAL:
@@ -98,13 +98,19 @@ class Clock:
         left = sum(self.expected[part] for part in PARTS[PARTS.index(self.part) + 1 :])
         taken = sim.steps - self.first[0]
         if self.part == "flow" and taken:
-            done = share_done(sim, self.cost, *self.first)
+            done = fraction_done(sim, self.cost, *self.first)
             left += (1.0 - done) * expected * (here / done / expected) ** (done / (done + TRUSTED))
         else:
-            left += max(expected - here, REMAINING_SHARE * here)
+            left += max(expected - here, REMAINING_FRACTION * here)
         rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
         end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
-        return {"passed_s": passed, "left_s": left, "share": passed / (passed + left), "time_s": sim.time, "end_s": end}
+        return {
+            "passed_s": passed,
+            "left_s": left,
+            "fraction": passed / (passed + left),
+            "time_s": sim.time,
+            "end_s": end,
+        }
 
     def finish(self) -> dict:
         """Entries of summary.json about the time of a run, with that of its other processes."""
@@ -113,8 +119,8 @@ class Clock:
         return {"seconds_by_part": self.measured, "all_wall_seconds": whole[0], "all_cpu_seconds": whole[1]}
 
 
-def share_done(sim, cost, steps: int, time: float) -> float:
-    """Share of the cost of a flow that is done, of what was to come after so many steps, at a time [s]."""
+def fraction_done(sim, cost, steps: int, time: float) -> float:
+    """Fraction of the cost of a flow that is done, of what was to come after so many steps, at a time [s]."""
     if cost.course is None:
         taken = sim.steps - steps
         return taken / (taken + steps_left(sim, cost))
@@ -125,7 +131,7 @@ def share_done(sim, cost, steps: int, time: float) -> float:
 def steps_left(sim, cost) -> float:
     """Number of steps that a run still takes, by its forecast ``cost`` and by its decay, if it has one."""
     now, dt, fold, until = sim.time, sim.report.dt, sim.rest.fold, sim.scene.until
-    forecast = max(cost.steps - sim.steps, REMAINING_SHARE * sim.steps)
+    forecast = max(cost.steps - sim.steps, REMAINING_FRACTION * sim.steps)
     end = min(until, sim.rest.expected(sim) or until) if sim.problem.rests and sim.scene.stop_at_rest else until
     if fold <= 0.0:
         return math.sqrt(forecast * max(1.0, (until - now) / dt)) if cost.end >= until else forecast

@@ -16,8 +16,8 @@ AXES = "XYZ"
 IGNORED_CODES = {"G10", "G11", "G17", "G28", "G29", "G40", "G49", "G54", "G61", "G64", "G80", "G94"}
 NEUTRAL_CODES = {  # codes that change nothing with one value of one word
     "M200": ("D", 0.0, "E in mm3"),
-    "M220": ("S", 100.0, "a share of the speed"),
-    "M221": ("S", 100.0, "a share of the flow"),
+    "M220": ("S", 100.0, "a fraction of the speed"),
+    "M221": ("S", 100.0, "a fraction of the flow"),
 }
 TEXT_CODES = {"M16", "M23", "M28", "M30", "M32", "M117", "M118", "M928"}  # whose line is text
 SUPPORTED_CODES = "must be G0 to G4, G10, G11, G20, G21, G90, G91, G92 E, M82 or M83"

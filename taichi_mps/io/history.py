@@ -18,8 +18,8 @@ COLUMN_MEANINGS = {
     "kinetic_energy_J": "kinetic energy of the computed part of the fluid [J]; in 2-D per metre of depth [J/m]",
     "unyielded_fraction": "number of fluid particles below the yield stress over that of all [-]; of a body that "
     "stands near it the solver leaves some on either side",
-    "flowing_fraction": "share of the volume that flows [-]: where the viscous part of the stress is over 5 % of the "
-    "yield stress; 0 of a body that stands. Of a fluid without yield stress what is sheared at all",
+    "flowing_fraction": "fraction of the volume that flows [-]: where the viscous part of the stress is over 5 % of "
+    "the yield stress; 0 of a body that stands. Of a fluid without yield stress what is sheared at all",
     "outer_iterations": "augmented-Lagrangian (Uzawa) iterations of implicit, direct (Picard) iterations of the "
     "viscosity of semi-implicit, in the step [-]",
     "solver_iterations": "iterations of the linear solver in the step [-]: of the velocity solves of implicit, of the "

@@ -181,7 +181,7 @@ class RunFolder:
         Parameters
         ----------
         progress : dict
-            Seconds passed and left, share done, time and expected end of the flow, and measures by name.
+            Seconds passed and left, fraction done, time and expected end of the flow, and measures by name.
         """
         write_whole(self.clock, json.dumps(progress))
 

@@ -103,9 +103,9 @@ function filled({ low, high, rows }, place) {
   const picture = document.createElement("canvas"), [wide, tall] = [rows[0].length, rows.length];
   [picture.width, picture.height] = [wide, tall];
   const pen = picture.getContext("2d"), image = pen.createImageData(wide, tall), [[left, bottom], [right, top]] = [cm(low), cm(high)];
-  rows.forEach((row, k) => row.forEach((share, i) => {
-    const [a, b, part] = share < 0.5 ? [FILLED[0], FILLED[1], 2 * share] : [FILLED[1], FILLED[2], 2 * share - 1];
-    if (share !== null) image.data.set([...a.map((value, c) => value + part * (b[c] - value)), 255], 4 * ((tall - 1 - k) * wide + i));
+  rows.forEach((row, k) => row.forEach((fraction, i) => {
+    const [a, b, part] = fraction < 0.5 ? [FILLED[0], FILLED[1], 2 * fraction] : [FILLED[1], FILLED[2], 2 * fraction - 1];
+    if (fraction !== null) image.data.set([...a.map((value, c) => value + part * (b[c] - value)), 255], 4 * ((tall - 1 - k) * wide + i));
   }));
   pen.putImageData(image, 0, 0);
   const { drawing, x, y } = scaled(place, [left, right], [bottom, top], ["along the form [cm]", "height [cm]"]);

@@ -64,8 +64,8 @@ def polyline_coordinates(lines) -> list[list]:
 
 # ---- curves ----------------------------------------------------------------------------------------------------
 def charts(history: dict) -> list[dict]:
-    """Charts over time [s], one for each unit: measures of the scene, then the share of the volume that flows, at every
-    step."""
+    """Charts over time [s], one for each unit: measures of the scene, then the fraction of the volume that flows, at
+    every step."""
     time = history["time_s"]
     kept = np.unique(np.linspace(0, len(time) - 1, MAX_POINTS).round().astype(int))
     curves = {}
@@ -73,7 +73,7 @@ def charts(history: dict) -> list[dict]:
         if is_scene_measure(key) and np.isfinite(values).any():
             factor, unit, _ = unit_of_measure(key)
             curves.setdefault(unit, []).append(curve(title(key), time[kept], factor * values[kept]))
-    curves["%"] = [curve("share flowing", time[kept], 100.0 * history["flowing_fraction"][kept])]
+    curves["%"] = [curve("fraction flowing", time[kept], 100.0 * history["flowing_fraction"][kept])]
     return [{"unit": unit, "curves": some} for unit, some in curves.items()]
 
 

@@ -70,7 +70,7 @@ function segments([x, y, z], dashed) {
   for (let k = 1; k < x.length; k++) {
     if (x[k] === null || x[k - 1] === null) continue;
     const a = [x[k - 1], y[k - 1], z[k - 1]], b = [x[k], y[k], z[k]], parts = dashed ? Math.max(1, 2 * Math.floor(Math.hypot(...subtract(b, a)) / step / 2)) : 1;
-    const at = (share) => a.map((value, i) => value + share * (b[i] - value));
+    const at = (fraction) => a.map((value, i) => value + fraction * (b[i] - value));
     if (dashed && parts === 1 && k % 3 === 0) continue;
     for (let part = 0; part < parts; part += 2) found.push(...at(part / parts), ...at(Math.min(1, (part + 1) / parts)));
   }

@@ -25,9 +25,9 @@ FILLED = "filled_ratio"
 
 
 class Wanted(Checked):
-    """Requirement of a form: the share of it that is filled within a time."""
+    """Requirement of a form: the fraction of it that is filled within a time."""
 
-    filled: Ratio = Field(0.99, description="share of the form that must be filled")
+    filled: Ratio = Field(0.99, description="fraction of the form that must be filled")
     time: Duration = Field(60.0, description="time in which it must be")
     softest: YieldValue = Field(10.0, gt=0.0, description="smallest yield stress that is looked at")
     stiffest: YieldValue = Field(1000.0, gt=0.0, description="largest yield stress that is looked at")
@@ -49,7 +49,7 @@ class Border:
     plastic_viscosity: float
     fills_up_to: float | None
     empty_from: float | None
-    missing: float | None = None  # share of the form that ``empty_from`` leaves empty; nan if its run failed
+    missing: float | None = None  # fraction of the form that ``empty_from`` leaves empty; nan if its run failed
     density: float = DENSITY  # [kg/m3]
 
     @property

@@ -362,7 +362,7 @@ PARTS = st.sampled_from(
     + ["secret.json", "checkpoint.h5", "summary.json", "report.html", "frames/frame_00000.png", "history.csv"]
 )
 ASKED = st.sampled_from(
-    ["found", "stop", "list", "show", "compare", "draw", "resume", "rename", "delete", "restore", "calibrate", "jobs"]
+    ["result", "stop", "list", "show", "compare", "draw", "resume", "rename", "delete", "restore", "calibrate", "jobs"]
 )
 BODIES = st.sampled_from([b"[", b"[" * 5000, b"\xff", b"{}" * 3, b"1e999", b'{"job":1' + b"0" * 5000 + b"}"])
 TEXTS = st.sampled_from(["-1", "nan", "1e400", "\x00", "\u202e", "../run", "<b>x</b>", "", "9" * 5000])

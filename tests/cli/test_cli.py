@@ -191,7 +191,7 @@ def test_the_line_on_a_terminal_says_how_far_a_run_has_come(monkeypatch, verbose
     monkeypatch.setattr(run, "Console", lambda **_: terminal)
     report = SimpleNamespace(dt=0.01, dt_limit="Courant", outer_iterations=6, solver_iterations=40)
     sim = SimpleNamespace(time=250.0, steps=1, report=report, each_step=steps.append)
-    told = {"share": 0.5, "left_s": 100.0, "end_s": 500.0}
+    told = {"fraction": 0.5, "left_s": 100.0, "end_s": 500.0}
     clock = SimpleNamespace(part="ready", cold=True, begin=lambda *_: None, now=lambda *_: told)
     recorder = SimpleNamespace(measures={"front_m": 0.3}, folder=SimpleNamespace(tell=steps.append))
     with run.progress(sim, recorder, False, verbose, clock):

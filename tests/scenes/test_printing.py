@@ -230,7 +230,7 @@ def test_a_tool_path_is_read_in_all_its_modes(written):
         (FLAT + "G03 X50 R 5\n", "line 11: G3: R must be at least half of the way to its end"),
         (FLAT + "G1 X50 Z90 E130\n", "line 11: G1: lays a bead that rises; must rise by less than 45 degrees"),
         (FLAT + "G92 X0\n", "line 11: G92: moves the origin, is not known"),
-        (FLAT + "M221 S105\n", "line 11: M221: a share of the flow, is not known"),
+        (FLAT + "M221 S105\n", "line 11: M221: a fraction of the flow, is not known"),
         (FLAT + "G10 L2 P1 X5\n", "line 11: G10: is not known"),
         (FLAT + "G18\n", "line 11: G18: is not known"),
         (FLAT + "G5 X1\n", "line 11: G5: is not known"),

@@ -78,7 +78,7 @@ def played(monkeypatch, problem, seconds, costs, imported=IMPORT):
             now[0] += cost
             sim.steps, sim.time = sim.steps + (part == "flow"), sim.time + (part == "flow") * sim.report.dt
             if line := watch.now(sim):
-                assert line["left_s"] >= 0.0 and 0.0 < line["share"] <= 1.0
+                assert line["left_s"] >= 0.0 and 0.0 < line["fraction"] <= 1.0
                 if sim.steps > 0.1 * len(costs):
                     told.append(line["passed_s"] + line["left_s"])
     found = watch.finish()

@@ -118,7 +118,7 @@ class Rig:
         for i in range(self.particles.count[None]):
             self.sums.set_flux(i, self.gradient.spread_stress(i, self.T[i]))
         for i in range(self.particles.count[None]):
-            self.sums.gather_pull(i)
+            self.sums.gather_fluxes(i)
         for i in range(self.particles.count[None]):
             self.F[i] = self.sums.force(i)
 
@@ -228,7 +228,7 @@ class System(Rig):
             self.sums.set_flux(i, flux)
             self.y[i] = push
         for i in range(self.particles.count[None]):
-            self.sums.gather_pull(i)
+            self.sums.gather_fluxes(i)
         for i in range(self.particles.count[None]):
             self.y[i] += self.sums.force(i)
 

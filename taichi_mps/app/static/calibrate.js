@@ -86,13 +86,13 @@ export class Calibrate {
     const job = this.job;
     this.job = null;
     this.button.textContent = "Calibrate";
-    const found = await ask("found", {job});
-    if (found.verdict) return this.found(found);
-    this.answer.textContent = found.state === "stopped" ? "Stopped by you." : "No answer.";
-    this.mark({"": found.message || ""});
+    const result = await ask("result", {job});
+    if (result.verdict) return this.show(result);
+    this.answer.textContent = result.state === "stopped" ? "Stopped by you." : "No answer.";
+    this.mark({"": result.message || ""});
   }
 
-  found(facts) {
+  show(facts) {
     const mix = Object.fromEntries(Object.entries(facts.mix).map(([key, value]) => [key, `${Number(value.toPrecision(3))}`]));
     const use = `#slump?${new URLSearchParams(mix)}`;
     this.answer.replaceChildren(h("p.verdict", {"data-part": "constants"}, facts.verdict),

@@ -89,9 +89,9 @@ class GhostSums:
         # GHOST_SUMS at a size and z = re k/(entries - 1), and their derivative by the curvature [m]
         self.flat, self.bend = constant_fields(tables[0], (tables[1] - tables[2]) / (2.0 * bent), vectors=True)
         if corners:
-            fractions_left = corner_table(dimension, spacing, effective_radius, **kernels)
-            # fraction that is left, by the distances across and from it
-            (self.corner,) = constant_fields(fractions_left.swapaxes(0, 1), vectors=True)
+            remaining = corner_table(dimension, spacing, effective_radius, **kernels)
+            # fraction that remains, by the distances across and from it
+            (self.corner,) = constant_fields(remaining.swapaxes(0, 1), vectors=True)
         self.has_wedges = bool(meet.any())
         if self.has_wedges:
             cosines = np.linspace(-1.0, 1.0, COSINES)
@@ -172,7 +172,7 @@ class GhostSums:
     @ti.func
     def divide_corners(self, i):
         """Set the fraction of each face's sums that remains for particle i near corners. Ghosts behind two faces are
-        counted once: counts go to the first face. Each face keeps a share of the pair sums reduced by n.m/(1 + n.m),
+        counted once: counts go to the first face. Each face keeps a fraction of the pair sums reduced by n.m/(1 + n.m),
         and of ``inward`` a half for coincident faces and nothing at a right angle; at a mirror plane the shared pair
         sums are dropped. A face fades out where its foot lies behind the other, beyond the edge."""
         for f in range(self.meet.shape[0]):
@@ -184,9 +184,9 @@ class GhostSums:
             self.remaining[i, f] = remaining
 
     @ti.func
-    def after_other_face(self, i, f, g, fractions):
-        """Fractions of the sums of face f that remain for particle i beside one other face g, of those before it."""
-        remaining, cosine = fractions, ti.cast(0.0, float)
+    def after_other_face(self, i, f, g, before):
+        """Fractions of the sums of face f that remain for particle i beside another face g, of those ``before`` it."""
+        remaining, cosine = before, ti.cast(0.0, float)
         z, across = self.face_geometry[i, f][0], self.face_geometry[i, g][0]
         for a in ti.static(range(self.dimension)):
             cosine += self.face_geometry[i, f][2 + a] * self.face_geometry[i, g][2 + a]

@@ -130,13 +130,14 @@ class SampledSurface(Surface):
         return z, n, self.motion(x - ti.cast(z * n, ti.f64)), ti.cast(0.0, float)
 
     @ti.func
-    def drives_near(self, x, reach: ti.template(), ahead: ti.template()):
-        """Whether the solid drives fluid within ``reach`` + ``ahead`` [m] of x; distances are known up to ``reach``."""
-        in_reach = False
-        for k in ti.static(range(1 + int(np.ceil(ahead / reach)))):
-            path = ti.cast(self.motion(x) * (k * reach / self.speed), ti.f64)
-            in_reach = in_reach or self.signed_distance(x - path) < reach
-        return in_reach
+    def drives_near(self, x, max_distance: ti.template(), ahead: ti.template()):
+        """Whether the solid drives fluid within ``max_distance`` + ``ahead`` [m] of x; farther than ``max_distance``
+        its distance is not known."""
+        near = False
+        for k in ti.static(range(1 + int(np.ceil(ahead / max_distance)))):
+            path = ti.cast(self.motion(x) * (k * max_distance / self.speed), ti.f64)
+            near = near or self.signed_distance(x - path) < max_distance
+        return near
 
 
 @ti.func
@@ -168,7 +169,7 @@ def corner_weight(f, corner: ti.template(), but: ti.template()):
 
 
 # ---- faces of concave edges -----------------------------------------------------------------------------------------
-def search_faces(values, cell, normal, single_face, nodes, steps, reach) -> np.ndarray:
+def search_faces(values, cell, normal, single_face, nodes, steps, max_distance) -> np.ndarray:
     """Table (n, d, 1 + d) of faces, as in ``find_concave_edges``, for nodes (n, d) of a grid of distances ``values``
     every ``cell`` [m]. Each face is the one in front of which a ``single_face`` node stands, one of the ``steps`` (k,
     d) away and with this ``normal``."""
@@ -177,7 +178,7 @@ def search_faces(values, cell, normal, single_face, nodes, steps, reach) -> np.n
     table[:, :, 0] = np.inf
     steps = np.vstack([np.zeros((1, d)), steps])
     integers = (np.ascontiguousarray(part, dtype=np.int32) for part in (single_face, nodes, steps))
-    _search(d, np.ascontiguousarray(values), normal, *integers, table, cell, reach)
+    _search(d, np.ascontiguousarray(values), normal, *integers, table, cell, max_distance)
     return table
 
 
@@ -197,7 +198,7 @@ def _search(
     steps: ti.types.ndarray(ti.i32, 2),
     table: ti.types.ndarray(ti.f64, 3),
     cell: ti.f64,
-    reach: ti.f64,
+    max_distance: ti.f64,
 ):
     shape = ti.Vector([values.shape[a] for a in ti.static(range(d))])
     for i in range(nodes.shape[0]):
@@ -220,7 +221,9 @@ def _search(
                     aside = ti.sqrt(ti.max(0.0, offset.norm_sqr() - along**2))
                     p = offset - values[at] * m  # foot of ``at``, from the node
                     accepted = (
-                        distance > -cell and distance < reach + d**0.5 * cell and aside < best - SAME_DISTANCE * cell
+                        distance > -cell
+                        and distance < max_distance + d**0.5 * cell
+                        and aside < best - SAME_DISTANCE * cell
                     )
                     for other in ti.static(range(face)):
                         n = ti.Vector([normal[other, a] for a in ti.static(range(d))])
@@ -228,7 +231,8 @@ def _search(
                         accepted = accepted and meet_in_concave_edge(m, n, apart)
                     if accepted:
                         depth, _slope = interpolate(values, ti.f64, shape, node - distance * m / cell, cell, np.inf)
-                        accepted = depth < 0.25 * cell and depth > -EDGE_MARGIN * reach  # on the face or at the edge
+                        # on the face or at the edge
+                        accepted = depth < 0.25 * cell and depth > -EDGE_MARGIN * max_distance
                     if accepted:
                         best, table[i, face, 0] = aside, distance
                         for a in ti.static(range(d)):

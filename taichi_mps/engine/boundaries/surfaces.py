@@ -107,10 +107,10 @@ class Surface:
         self.released[i] = ti.cast(leaves and not presses, float)
 
     @ti.func
-    def drives_near(self, x, reach: ti.template(), ahead: ti.template()):
-        """Whether the moving wall is within ``reach`` [m] of x, or will be after ``ahead`` [m] of motion."""
+    def drives_near(self, x, max_distance: ti.template(), ahead: ti.template()):
+        """Whether the moving wall is within ``max_distance`` [m] of x, or will be after ``ahead`` [m] of motion."""
         z, _n, velocity, _curvature = self.nearest(x)
-        return z < reach + ahead and velocity.norm_sqr() > 0.0
+        return z < max_distance + ahead and velocity.norm_sqr() > 0.0
 
     @ti.func
     def weight(self, i, x, z):

@@ -13,24 +13,24 @@ import numpy as np
 MIN_BEND_AT_CREASE, MAX_GRADIENT_AT_CREASE = 0.15, 0.97
 MAX_BEND_AT_FACE = 0.1  # change of the slope over a node from which on it is not clearly in front of one face [-]
 MAX_COSINE = 0.8  # cosine of the angle between the normals of two faces up to which they are different faces [-]
-EDGE_MARGIN = 0.15  # depth behind the other face, over the reach, at which a foot lies beyond the edge [-]
+EDGE_MARGIN = 0.15  # depth behind the other face, over ``max_distance``, at which a foot lies beyond the edge [-]
 NODES_PER_SLAB = 500_000  # nodes searched at a time, without the halo around them
 
 
-def find_concave_edges(values, cell: float, reach: float, search):
-    """Find the faces within ``reach`` [m] of the nodes beside concave edges, from distances ``values`` [m] at the nodes
-    of a grid, positive in the fluid. Returns for each node its row in the table, -1 where there is the nearest face
-    only, and the table (rows, faces, 1 + d): distance [m] and normal of each face at the node; an infinite distance
-    fills rows of fewer faces. ``search`` is ``boundaries.sampled.search_faces``."""
+def find_concave_edges(values, cell: float, max_distance: float, search):
+    """Find the faces within ``max_distance`` [m] of the nodes beside concave edges, from distances ``values`` [m] at
+    the nodes of a grid, positive in the fluid. Returns for each node its row in the table, -1 where there is the
+    nearest face only, and the table (rows, faces, 1 + d): distance [m] and normal of each face at the node; an infinite
+    distance fills rows of fewer faces. ``search`` is ``boundaries.sampled.search_faces``."""
     values = np.asarray(values, float)
-    d, steps = values.ndim, search_offsets(values.ndim, reach / cell)
-    halo = max(int(np.abs(steps).max(initial=0)), int(np.ceil(0.75 * reach / cell))) + 2
+    d, steps = values.ndim, search_offsets(values.ndim, max_distance / cell)
+    halo = max(int(np.abs(steps).max(initial=0)), int(np.ceil(0.75 * max_distance / cell))) + 2
     number, tables = np.full(values.shape, -1, np.int32), [np.zeros((0, d, 1 + d))]
     across = max(1, int(NODES_PER_SLAB / np.prod(values.shape[1:])))
     for first in range(0, len(values), across):  # slabs, for the sake of memory
         low, high = max(0, first - halo), min(len(values), first + across + halo)
         nodes, table = nodes_with_several_faces(
-            search, values[low:high], cell, reach, steps, first - low, first + across - low
+            search, values[low:high], cell, max_distance, steps, first - low, first + across - low
         )
         number[tuple((nodes + low * np.eye(1, d, dtype=int)).T)] = sum(map(len, tables)) + np.arange(len(nodes))
         tables.append(table)
@@ -39,7 +39,7 @@ def find_concave_edges(values, cell: float, reach: float, search):
     return number, table[:, :most]
 
 
-def nodes_with_several_faces(search, values, cell, reach, steps, first, last):
+def nodes_with_several_faces(search, values, cell, max_distance, steps, first, last):
     """Nodes (n, d) with several faces, whose first index is from ``first`` to before ``last``, and their table (n, d, 1
     + d) as in ``find_concave_edges``."""
     d, shape = values.ndim, values.shape
@@ -50,19 +50,19 @@ def nodes_with_several_faces(search, values, cell, reach, steps, first, last):
         inner = tuple(slice(1, -1) if a == axis else slice(None) for a in range(d))
         single_face[inner] &= np.abs(bend) < MAX_BEND_AT_FACE
         crease[inner] |= bend < -MIN_BEND_AT_CREASE
-    crease &= in_fluid & (values < reach + cell)
+    crease &= in_fluid & (values < max_distance + cell)
     if not crease.any():
         return np.zeros((0, d), int), np.zeros((0, d, 1 + d))
     normal = np.stack(np.gradient(values, cell), -1)
     size = np.linalg.norm(normal, axis=-1)
     single_face &= np.abs(size - 1.0) < 0.01
     crease &= size < MAX_GRADIENT_AT_CREASE
-    candidates = dilate(crease, int(np.ceil(0.75 * reach / cell)))
-    candidates &= in_fluid & (values < reach + d**0.5 * cell)
+    candidates = dilate(crease, int(np.ceil(0.75 * max_distance / cell)))
+    candidates &= in_fluid & (values < max_distance + d**0.5 * cell)
     candidates[:first], candidates[last:] = False, False
     nodes = np.argwhere(candidates)
     normal /= np.maximum(size, 1e-9)[..., None]
-    table = search(values, cell, normal, single_face, nodes, steps, reach)
+    table = search(values, cell, normal, single_face, nodes, steps, max_distance)
     several = np.isfinite(table[:, 1, 0])
     return nodes[several], table[several]
 
@@ -76,12 +76,12 @@ def dilate(where, width):
     return where
 
 
-def search_offsets(d, reach):
+def search_offsets(d, max_distance):
     """Offsets (k, d) in nodes to the places around a node that are searched: in all axial and diagonal directions, from
-    one node to 1.2 times the reach."""
+    one node to 1.2 times ``max_distance``, in nodes."""
     directions = np.array([step for step in itertools.product((-1, 0, 1), repeat=d) if any(step)], float)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    sizes = 1.2 * reach * 0.7 ** np.arange(12)
+    sizes = 1.2 * max_distance * 0.7 ** np.arange(12)
     steps = np.rint(sizes[sizes > 0.9, None, None] * directions).astype(int).reshape(-1, d)
     return np.unique(steps, axis=0)
 

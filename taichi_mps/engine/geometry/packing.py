@@ -68,8 +68,8 @@ class Size:
     def blocks(self, other: "Size", spacing: float) -> np.ndarray:
         """Cells (k, d), from the centre cell of a grain of this size, in which no centre of the other may lie."""
         d = len(self.offset)
-        reach = int(np.ceil((self.radius + other.radius) / spacing)) + 1
-        steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * d, indexing="ij"), -1).reshape(-1, d)
+        width = int(np.ceil((self.radius + other.radius) / spacing)) + 1
+        steps = np.stack(np.meshgrid(*[np.arange(-width, width + 1)] * d, indexing="ij"), -1).reshape(-1, d)
         apart = np.linalg.norm(steps + other.offset - self.offset, axis=1) * spacing
         shared = np.isin(encode(steps), np.unique(np.concatenate([encode(self.cells - cell) for cell in other.cells])))
         return steps[(apart < self.radius + other.radius - 1e-9 * spacing) | shared]

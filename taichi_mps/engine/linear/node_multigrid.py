@@ -167,7 +167,7 @@ class NodeMultigrid(NodeOperators):
         total = ti.Vector.zero(float, self.lanes)
         for k in range(self.stencil_points):
             other = self.column[row, k]
-            if other < 0:  # never true; needed for the reason given in momentum.py
+            if other < 0:  # never: a way out lets LLVM use vector instructions (particles/pair_sums.py)
                 break
             z = self.z[at, other]
             for e, a in ti.static(ti.ndrange(self.dimension, self.lanes)):

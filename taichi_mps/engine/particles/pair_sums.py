@@ -40,12 +40,12 @@ class PairSums:
 
     @ti.func
     def gather_difference(self, i):
-        """jumps_i: the transpose of sum_j (u_j - u_i) (x) b_ij, and the drag, of the velocity ``motion``."""
+        """``difference_sums`` of particle i and its ``motion``: the transpose of sum_j (u_j - u_i) (x) b_ij; drag."""
         sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
         ui = self.motion[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
-            if j < 0:  # never: the way out
+            if j < 0:  # never: the way out of the loop
                 break
             difference, b, drag = self.motion[j] - ui, self.gradient.b[k], self.pair_drag[k]
             for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
@@ -55,13 +55,13 @@ class PairSums:
         self.difference_sums[i] = sums
 
     @ti.func
-    def gather_pull(self, i):
-        """pulls_i of all flux matrices; walls not included."""
+    def gather_fluxes(self, i):
+        """``flux_sums`` of particle i; walls not included."""
         sums = ti.Matrix.zero(float, self.dimension, self.lanes)
         Pi = self.flux[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
-            if j < 0:  # never: the way out
+            if j < 0:  # never: the way out of the loop
                 break
             Pj, b = self.flux[j], self.gradient.b[k]
             for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):

@@ -19,7 +19,7 @@ class Grains:
     Parameters
     ----------
     diameter : float or sequence of tuple (float, float)
-        Diameter [m]; or a grading, rows of a diameter [m] and its share of the volume of all grains.
+        Diameter [m]; or a grading, rows of a diameter [m] and its fraction of the volume of all grains.
     volume_fraction : float, optional
         Volume of the grains over that of the body at 0 s [-], 0.35 at most; they are placed at random, without overlap.
     centres : ndarray, shape (g, d), optional
@@ -64,12 +64,14 @@ class Grains:
         )
         if np.ndim(self.diameter):
             sound = len(self.diameter) and np.all(self.diameter > 0.0) and abs(self.diameter[:, 1].sum() - 1.0) < 1e-6
-            require(sound, f"grains: diameter = {self.diameter.tolist()}: must be diameters and shares above 0, sum 1")
+            require(
+                sound, f"grains: diameter = {self.diameter.tolist()}: must be diameters and fractions above 0, sum 1"
+            )
             require(self.centres is None, "grains: a grading has no centres; diameter must be one number")
 
     @property
     def grading(self) -> np.ndarray:
-        """Rows of a diameter [m] and its share of the volume [-], shape (k, 2)."""
+        """Rows of a diameter [m] and its fraction of the volume [-], shape (k, 2)."""
         return self.diameter if np.ndim(self.diameter) else np.array([[self.diameter, 1.0]])
 
     @property

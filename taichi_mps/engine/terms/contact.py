@@ -6,7 +6,7 @@ At a contact with the normal n from the other, and the velocity v of the grain r
 
 and in the matrix of the step r n n^T where it presses, r (I - n n^T) where it sticks. A grain keeps the list of its own
 contacts, so one between two grains is in both lists, with opposite forces, and each grain sums its own. Pairs are found
-in the lists of neighbours of its particles; feet on a wall from each of them, so each bar of a wall is a contact.
+in the lists of neighbours of its particles; on a wall the point nearest to each of them, so each bar is a contact.
 """
 
 import numpy as np
@@ -18,8 +18,8 @@ from ..runtime.thread_team import first, last, wait
 from .constants import Term
 
 NEAR = 0.5  # gap over l0 from which on two are a contact
-FEET = 3  # largest number of contacts of a grain with one wall
-SAME_FOOT = 0.5  # cosine between normals from which on feet on a wall are one contact
+MAX_WALL_CONTACTS = 3  # largest number of contacts of a grain with one wall
+SAME_CONTACT = 0.5  # cosine between normals from which on two points of a wall are one contact
 STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
 BACK = 0.2  # part of an overlap that is taken back in a step
 NONE = int(-1e6)  # no partner
@@ -28,7 +28,7 @@ NONE = int(-1e6)  # no partner
 def most_contacts(radii, surfaces: int) -> int:
     """Largest number of contacts of a grain: of small ones around a large one, by the area that each takes."""
     ratio = float(np.max(radii) / np.min(radii))
-    return int(4.0 * (1.0 + 1.2 * ratio) ** 2) + FEET * surfaces
+    return int(4.0 * (1.0 + 1.2 * ratio) ** 2) + MAX_WALL_CONTACTS * surfaces
 
 
 @ti.data_oriented
@@ -68,7 +68,7 @@ class Contacts(Term):
             self.number[g] = 0
             self.find_grains(g)
             for k, wall in ti.static(enumerate(self.walls.surfaces)):
-                self.find_feet(g, k, wall)
+                self.find_wall_contacts(g, k, wall)
 
     @ti.func
     def find_grains(self, g):
@@ -90,33 +90,35 @@ class Contacts(Term):
                         self.add(g, h, r / r.norm(), gap, ti.Vector.zero(ti.f64, 3))
 
     @ti.func
-    def find_feet(self, g, k: ti.template(), wall: ti.template()):
-        """Contacts of grain g with wall k: the nearest foot of its particles, and others in other directions."""
+    def find_wall_contacts(self, g, k: ti.template(), wall: ti.template()):
+        """Contacts of grain g with wall k: the point nearest to its particles, and others in other directions."""
         centre, radius, begin = self.rigid.centre[g], self.rigid.radius[g], self.number[g]
-        for turn in range(FEET):
+        for turn in range(MAX_WALL_CONTACTS):
             least, towards = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
             if turn == 0 or self.number[g] == begin + turn:
                 for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
-                    distance, foot, _velocity = self.foot(wall, centre + self.rigid.arm[m])
-                    away = (foot - centre).norm()
+                    distance, point, _velocity = self.nearest_point(wall, centre + self.rigid.arm[m])
+                    away = (point - centre).norm()
                     if distance < 2.4 * self.spacing and away < least:
                         new = True
                         for c in range(g * self.most + begin, g * self.most + self.number[g]):
-                            new = new and -self.normal[c].dot(foot - centre) < SAME_FOOT * away
+                            new = new and -self.normal[c].dot(point - centre) < SAME_CONTACT * away
                         if new:
-                            least, towards = away, (foot - centre) / away
+                            least, towards = away, (point - centre) / away
             if least < radius + 2.0 * self.spacing:
                 gap, velocity = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
-                for _ in range(3):  # the foot of the grain's own surface
-                    _distance, foot, velocity = self.foot(wall, centre + (radius - 0.5 * self.spacing) * towards)
-                    gap = (foot - centre).norm() - radius
-                    towards = (foot - centre).normalized()
+                for _ in range(3):  # the point nearest to the grain's own surface
+                    _distance, point, velocity = self.nearest_point(
+                        wall, centre + (radius - 0.5 * self.spacing) * towards
+                    )
+                    gap = (point - centre).norm() - radius
+                    towards = (point - centre).normalized()
                 if gap < NEAR * self.spacing:
                     self.add(g, -1 - k, -towards, gap, velocity)
 
     @ti.func
-    def foot(self, wall: ti.template(), x):
-        """Distance of a point x [m] from a wall, its foot there [m], and the velocity of the wall [m/s]."""
+    def nearest_point(self, wall: ti.template(), x):
+        """Distance of x [m] from a wall, the point of the wall that is nearest [m], and its velocity [m/s]."""
         z, n, velocity, _curvature = wall.nearest(self.rigid.in_scene(x))
         return z, x - ti.cast(z, ti.f64) * self.three_components(n), self.three_components(velocity)
 
@@ -131,7 +133,7 @@ class Contacts(Term):
             self.stiffness[c] = self.penalty(lighter)
             self.force[c], self.slip_force[c], self.sticks[c] = 0.0, ti.Vector.zero(ti.f64, 3), 0
             for b in range(g * self.most, (g + 1) * self.most):
-                if self.old_partner[b] == other and self.old_normal[b].dot(normal) > SAME_FOOT:
+                if self.old_partner[b] == other and self.old_normal[b].dot(normal) > SAME_CONTACT:
                     t = self.old_slip_force[b]
                     self.force[c], self.slip_force[c] = self.old_force[b], t - normal * normal.dot(t)
                     self.sticks[c] = self.old_sticks[b]
@@ -241,9 +243,9 @@ class Contacts(Term):
                 force = -(self.force[c] * self.normal[c] + self.slip_force[c])
                 for j, number in ti.static(enumerate(loads.numbers)):
                     if self.partner[c] == -1 - number:
-                        foot = self.rigid.in_scene(self.rigid.centre[g] + self.arm(g, c))
+                        point = self.rigid.in_scene(self.rigid.centre[g] + self.arm(g, c))
                         on_wall = ti.cast(self.rigid.in_scene(force), float)
-                        arm = ti.cast(self.walls.surfaces[number].arm(foot), float)
+                        arm = ti.cast(self.walls.surfaces[number].arm(point), float)
                         loads.forces[j][i] += on_wall
                         loads.torques[j][i] += loads.axial_vector(arm.outer_product(on_wall))
 

@@ -78,12 +78,12 @@ class HourglassResistance(Term):
                 h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + thin_viscosity
             if ti.static(self.particles.has_grains):  # noqa: SIM102
                 if not self.particles.in_grain(i):  # only mortar is strained
-                    h = (h - thin_viscosity) / self.stress.rigid.share[i] + thin_viscosity
+                    h = (h - thin_viscosity) / self.stress.rigid.mortar_fraction[i] + thin_viscosity
             viscosity = ti.max(h, SETTLING * self.pressure.p[i] * dt)
             self.thin_viscosity[i], self.viscosity[i] = thin_viscosity, viscosity
             self.h[i] = 2.0 * self.particles.volume(i) * viscosity / self.gradient.full_weight(i)
             if ti.static(self.particles.has_grains):
-                self.h[i] *= 1 - self.stress.rigid.mute[i]
+                self.h[i] *= 1 - self.stress.rigid.masked[i]
 
     @ti.func
     def flowing(self):
@@ -94,7 +94,8 @@ class HourglassResistance(Term):
 
 @ti.data_oriented
 class DeferredCorrection(Term):
-    """The correction for the velocity at the start of a step; its loop over pairs is written as in pair_sums.py.
+    """The correction for the velocity at the start of a step; its loop over pairs is written for LLVM
+    as those of particles/pair_sums.py.
     ``averages``: in a full vessel the law is averaged (I31), so only what flows resists what is left."""
 
     def __init__(self, fluid, sums, strain_rate, resistance, averages: bool = False):
@@ -128,7 +129,7 @@ class DeferredCorrection(Term):
         ui, Gi, hi = self.pair_sums.motion[i], self.strain_rate.G[i], self.resistance.h[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
-            if j < 0:  # never: the way out
+            if j < 0:  # never: the way out of the loop
                 break
             Gj, hj, b, w = self.strain_rate.G[j], self.resistance.h[j], self.gradient.b[k], self.gradient.weight_r2[k]
             difference, r = self.pair_sums.motion[j] - ui, b / ti.max(w, 1e-12)

@@ -23,7 +23,9 @@ EARLY_TOLERANCE = 10.0  # only the last solve of a step goes down to the toleran
 # go on unchanged from step to step, until it fails and is corrected by a jump.
 REDUCTION, EARLY_REDUCTION = 0.1, 0.3
 MAX_ITERATIONS = 2000  # of a solve
-BLOCK = 64  # particles whose sums over pairs are stored before they are used (pair_sums.py); on a GPU 1
+# Particles whose sums over pairs are stored before another loop uses them, for LLVM's sake (particles/pair_sums.py); on
+# a GPU 1
+BLOCK = 64
 
 
 @ti.data_oriented
@@ -74,7 +76,7 @@ class MomentumOperator(Term):
             if start % self.block == 0:
                 end = ti.min(start + self.block, self.count[None])
                 for i in range(start, end):
-                    self.sums.gather_pull(i)
+                    self.sums.gather_fluxes(i)
                 for i in range(start, end):
                     y[i] = self.balance(i, u, motion)
         wait()
@@ -224,7 +226,7 @@ class MomentumSource(Term):
             self.sums.set_flux(i, self.gradient.spread_stress(i, T) + flux)
             b[i] = force
         for i in range(self.particles.count[None]):
-            self.sums.gather_pull(i)
+            self.sums.gather_fluxes(i)
         for i in range(self.particles.count[None]):
             if self.operator.unknown(i):
                 volume, weight = self.particles.volume(i), self.constants.weight_of(i)

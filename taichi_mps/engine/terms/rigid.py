@@ -9,7 +9,7 @@ a grain have one mass, so the same sums make its motion of velocities and its fo
 moment of inertia is not that of its particles as points: the difference, times the rotation, is added.
 
 A particle of a grain that sees no mortar carries neither stress nor pressure: its gradient is taken out. At the surface
-a gradient sees both sides, but all strain is that of the mortar, whose ``share`` along the normal is f (G4).
+a gradient sees both sides, but all strain is that of the mortar, whose fraction along the normal is f (G4).
 """
 
 import numpy as np
@@ -20,7 +20,8 @@ from ..runtime.stages import stage
 from ..runtime.thread_team import first, last, wait
 from .constants import Term
 
-LEAST_SHARE, LEAST_VISCOUS_SHARE = 0.02, 0.1  # of mortar, with a true yield stress and where it divides a viscosity
+# lowest fraction of mortar beside a grain, with a true yield stress and where it divides a viscosity [-]
+MIN_MORTAR_FRACTION, MIN_VISCOUS_MORTAR_FRACTION = 0.02, 0.1
 
 
 @ti.data_oriented
@@ -43,8 +44,8 @@ class Rigid(Term):
         self.mean, self.rate = double_field(self.count, 3), double_field(self.count, 3)  # motion that P finds
         self.radius, self.mass = ti.field(ti.f64, self.count), ti.field(ti.f64, self.count)  # [m, kg]
         self.extra = ti.field(ti.f64, self.count)  # moment of inertia beyond that of its particles as points [kg m2]
-        self.share = ti.field(real(), self.capacity)  # f of each particle [-]
-        self.mute = ti.field(ti.i32, self.capacity)  # 1 of a particle of a grain that sees no mortar
+        self.mortar_fraction = ti.field(real(), self.capacity)  # f of each particle [-]
+        self.masked = ti.field(ti.i32, self.capacity)  # 1 of a particle of a grain that sees no mortar
         fields = {"centre": self.centre, "velocity": self.velocity, "spin": self.spin, "turn": self.turn}
         self.motions = FieldIO({f"grain_{name}": field for name, field in fields.items()}, self.count)
         self._place(problem.scene, number, centres, radii)
@@ -163,10 +164,10 @@ class Rigid(Term):
 
     @stage("grains")
     def find(self):
-        """Rows and inertia of the grains, which particles are mute, and the share of mortar, once neighbours and fits
-        are known; mute particles get no gradient."""
+        """Rows and inertia of the grains, which particles are masked, and the fraction of mortar, once neighbours and
+        fits are known; masked particles get no gradient."""
         for i in range(self.particles.count[None]):
-            slot, own, mute = self.particles.slot[i], self.grain(i), ti.cast(self.particles.slot[i] > 0, ti.i32)
+            slot, own, masked = self.particles.slot[i], self.grain(i), ti.cast(self.particles.slot[i] > 0, ti.i32)
             if slot > 0:
                 self.row[slot - 1] = i
             m = ti.Vector.zero(float, self.dimension)
@@ -175,8 +176,8 @@ class Rigid(Term):
                 if other != own and self.gradient.weight_r2[k] > 0.0:
                     m += self.gradient.b[k]
                 if other < 0:
-                    mute = 0
-            self.mute[i], self.share[i] = mute, 1.0
+                    masked = 0
+            self.masked[i], self.mortar_fraction[i] = masked, 1.0
             n = m / ti.max(m.norm(), 1e-20)
             v, of_others = self.gradient.B[i] @ n, ti.cast(0.0, float)
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
@@ -185,12 +186,12 @@ class Rigid(Term):
                     b = self.gradient.b[k]
                     part = 0.5 * v.dot(b) * n.dot(b) / self.gradient.weight_r2[k]
                     of_others += part * (2.0 if own >= 0 and other >= 0 else 1.0)  # between two grains all is mortar
-            if mute == 0 and of_others > 0.0:
-                share = of_others if own >= 0 else 1.0 - of_others
-                least = ti.static(LEAST_SHARE if self.yields else LEAST_VISCOUS_SHARE)
-                self.share[i] = ti.max(least, ti.min(1.0, share))
+            if masked == 0 and of_others > 0.0:
+                fraction = of_others if own >= 0 else 1.0 - of_others
+                lowest = ti.static(MIN_MORTAR_FRACTION if self.yields else MIN_VISCOUS_MORTAR_FRACTION)
+                self.mortar_fraction[i] = ti.max(lowest, ti.min(1.0, fraction))
         for i in range(self.particles.count[None]):
-            if self.mute[i] == 1:
+            if self.masked[i] == 1:
                 self.gradient.B[i] *= 0.0
         for g in range(self.count):
             J = ti.Matrix.zero(ti.f64, 3, 3)

@@ -23,7 +23,7 @@ class StrainRate(Term):
 
     def __init__(self, fluid, sums):
         super().__init__(fluid)
-        # transpose of the velocity gradient in the plane [1/s]; lanes as in pair_sums.py
+        # transpose of the velocity gradient in the plane [1/s]; in space with rows of four, for vector instructions
         self.G = ti.Matrix.field(self.dimension, sums.lanes, real(), self.capacity)
         self.rate = ti.field(real(), self.capacity)  # shear rate sqrt(2 D:D) [1/s]
         self.residual = ti.field(real(), self.capacity)  # (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]
@@ -133,19 +133,19 @@ class Stress(Term):
             mu = self.constants.mu_r[m]
         elif ti.static(self.law == "bi-viscosity"):
             mu = bi_viscosity(
-                rate / self.mortar_share(i), self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m]
+                rate / self.mortar_fraction(i), self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m]
             )
         if ti.static(self.law != "yield-stress"):
-            mu /= self.mortar_share(i)
+            mu /= self.mortar_fraction(i)
         return mu
 
     @ti.func
-    def mortar_share(self, i):
-        """Share of what the gradient of particle i sees that strains: beside a grain that of the mortar [-] (G4)."""
-        share = ti.cast(1.0, float)
+    def mortar_fraction(self, i):
+        """Fraction of what the gradient of particle i sees that strains: beside a grain that of the mortar [-] (G4)."""
+        fraction = ti.cast(1.0, float)
         if ti.static(self.particles.has_grains):
-            share = self.rigid.share[i]
-        return share
+            fraction = self.rigid.mortar_fraction[i]
+        return fraction
 
     @ti.func
     def viscous(self, i, G):
@@ -180,7 +180,7 @@ class Stress(Term):
         """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
         m = self.constants.mix(i)
         if ti.static(self.particles.has_grains):  # 2 D = f rate T/|T|: the law of the mortar, with f mu_r
-            part, stress, rate = self.rigid.share[i] * self.mu[i], trial, ti.cast(0.0, float)
+            part, stress, rate = self.rigid.mortar_fraction[i] * self.mu[i], trial, ti.cast(0.0, float)
             if ti.static(self.has_curve):
                 stress, _q, rate = curve_mapping(self, i, trial, part)
             else:
@@ -235,7 +235,7 @@ class Stress(Term):
     @ti.func
     def own_rate(self, i):
         """Shear rate [1/s] of the mix of particle i: next to another mix that of the gradient is of both."""
-        rate = self.particles.shear_rate[i] / self.mortar_share(i)
+        rate = self.particles.shear_rate[i] / self.mortar_fraction(i)
         if ti.static(self.mixes > 1 and self.law == "yield-stress"):
             rate = self.fluidity[i] * magnitude(self.particles.stress[i])
         return rate
@@ -267,7 +267,7 @@ class Stress(Term):
                         self.fluidity[i] = carries * flow / ti.max(magnitude(stress), 1e-12)
                 self.yielded[i] = flow > 0.0
             elif ti.static(self.law == "bi-viscosity"):
-                self.yielded[i] = rate / self.mortar_share(i) >= 2.0 * self.constants.pi_c[self.constants.mix(i)]
+                self.yielded[i] = rate / self.mortar_fraction(i) >= 2.0 * self.constants.pi_c[self.constants.mix(i)]
                 self.mu[i] = self.viscosity(i, rate)
                 if ti.static(self.mixes > 1):
                     self.fluidity[i] = 1.0 / self.mu[i]
