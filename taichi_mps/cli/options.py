@@ -11,7 +11,7 @@ from typing import Annotated, Literal, get_args, get_origin
 
 from pydantic import AfterValidator, Field
 
-from ..engine import COURANT, LAW_OF, NUMERICS, Concrete, Material
+from ..engine import COURANT, LAWS, NUMERICS, Concrete
 from ..input import catalogue
 from ..input.labels import keyword_description, option_name
 from ..io.run_folder import strict
@@ -226,16 +226,15 @@ class Parser(argparse.ArgumentParser):
 
 
 def suggested(word: str, known) -> str:
-    """Return what there is instead of an option of this name, or which command or scheme has it, else
-    what is near."""
+    """Return what there is instead of an option of this name, or which command, scheme or law has it, else what is
+    near."""
     name = word.lstrip("-").replace("-", "_")
     if name in GONE:
         return f": {GONE[name]}"
     owners = {"run": Run, "sweep": Workers} | {f"the scheme {scheme}": model for scheme, model in NUMERICS.items()}
+    owners |= {f"the law {law.__name__}": law for law in LAWS}
     owner = next((owner for owner, model in owners.items() if name in model.model_fields), None)
-    if owner:
-        return f": {owner} has it; must be left out here"
-    return Material.instead_of(name) if name in LAW_OF else suggestion(word, known)
+    return f": {owner} has it; must be left out here" if owner else suggestion(word, known)
 
 
 @checked

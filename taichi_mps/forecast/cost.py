@@ -53,10 +53,10 @@ def cost_of(problem: Problem) -> Cost:
     if implicit and scene.dimension == 3 and scene.inlets:
         return cost_of_pour(problem)
     known, particles = accuracy.errors_of_run(problem.facts()), particles_of(problem)
-    creep = max(m.typical_slope / max(m.yield_value, 1e-9) for m in problem.materials) - problem.fall_time
-    rests = scene.stop_at_rest and (problem.rests or (not implicit and all(m.yields for m in problem.materials)))
-    weight = max(m.density for m in problem.materials) * problem.gravity * problem.height
-    softness = weight / max(min(m.yield_value for m in problem.materials), 1e-9 * weight)
+    creep = max(m.typical_slope / max(m.yield_value, 1e-9) for m in problem.scene.materials) - problem.fall_time
+    rests = scene.stop_at_rest and (problem.rests or (not implicit and all(m.yields for m in problem.scene.materials)))
+    weight = max(m.density for m in problem.scene.materials) * problem.gravity * problem.height
+    softness = weight / max(min(m.yield_value for m in problem.scene.materials), 1e-9 * weight)
     falls = REST_OVER_FALL if implicit else UNYIELDED_OVER_FALL * softness**UNYIELDED_EXPONENT
     rest = falls * problem.fall_time + REST_OVER_CREEP * max(creep, 0.0)
     end = min(scene.until, rest) if rests and not scene.jolts else scene.until

@@ -24,6 +24,10 @@ UNITS = {
     "_m": (100.0, "cm", ".1f"),
     "_s": (1.0, "s", ".2f"),
 }
+CONSTANT_UNITS = {  # of the numbers of a mix
+    **{name: unit_of(field) for law in LAWS for name, field in numbers_of(law).items()},
+    "friction_angle": "degrees",
+}
 KEYWORDS = {  # descriptions of keywords of many scenes
     "spacing": "particle size; half of it takes 16 times as long in space",
     "until": "time limit of the flow; it ends before where the concrete stops flowing",
@@ -169,8 +173,7 @@ def constants_of(facts: dict) -> dict[str, str]:
     names = ["yield_value", *(name for name in facts if name not in others), "density"]
     numbers = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
     given = {name: value for name, value in numbers.items() if name in COMMON_NUMBERS or chooses_law(name, value)}
-    units = {name: unit_of(field) for law in LAWS for name, field in numbers_of(law).items()}
-    return {in_words(name): quote(float(value), units.get(name, "")) for name, value in given.items()}
+    return {in_words(name): quote(float(value), CONSTANT_UNITS.get(name, "")) for name, value in given.items()}
 
 
 def mix_in_words(facts: dict) -> str:

@@ -5,16 +5,12 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from ..engine import LAWS, numbers_of
-from ..input.labels import in_words
-from ..units import unit_of
+from ..input.labels import CONSTANT_UNITS, in_words
 
 MAX_MISFIT = 9.0  # chi squared of three standard errors
 NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
 NAMES |= {"mini_cone_m": "mini-cone flow", "v_funnel_s": "V-funnel time"}
 RHEOMETER = "rheometer"  # source of a constant that is known
-CONSTANT_UNITS = {name: unit_of(field).strip("-") for law in LAWS for name, field in numbers_of(law).items()}
-CONSTANT_UNITS["friction_angle"] = "degrees"
 BINGHAM = "yield_value", "plastic_viscosity"  # the constants of a mix, in the order of the tables
 FRICTIONAL = "yield_value", "friction_angle", "plastic_viscosity"  # constants of a mix with internal friction
 # [m] within which a mix of the model explains a measurement; Kantro's cone is a fifth of the standard one

@@ -133,7 +133,7 @@ BINGHAM = "the mixes that are looked for, and their slumps, are of Bingham's law
         ("require wall --consistency 20", f"consistency = 20 Pa s^n: {BINGHAM}"),
         ("require wall --flow-index 0.5", f"flow_index = 0.5: {BINGHAM}"),
         ("require wall --friction-angle 10", f"friction_angle = 10 deg: {BINGHAM}"),
-        ("calibrate --slump 0.2 --consistency 5", "unknown option --consistency, a number of the law HerschelBulkley"),
+        ("calibrate --slump 0.2 --consistency 5", "unknown option --consistency: the law HerschelBulkley has it"),
         (
             "run slump --scheme semi-implicit --consistency 5",
             "material HerschelBulkley: must be Bingham with the scheme",
@@ -156,7 +156,7 @@ def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, 
         (lambda: mps.slump_cone(consistency=20.0, plastic_viscosity=50.0), TWICE.format(50)),
         (lambda: mps.slump_cone(mps.Bingham(), consistency=20.0), "consistency = 20.0: already given by the material"),
         (lambda: cases("slump", plastic_viscosity=[20, 50], consistency=30), TWICE.format(20)),
-        (lambda: mps.Bingham(consistency=20.0), "unknown key 'consistency', a number of the law HerschelBulkley"),
+        (lambda: mps.Bingham(consistency=20.0), "unknown key 'consistency': the law HerschelBulkley has it"),
         (
             lambda: mps.Concrete(structuration=1.0, yield_value=0.0),
             "structuration = 1 Pa/s: needs a yield stress to grow",
@@ -168,7 +168,7 @@ def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, 
         (lambda: mps.Concrete(flow_index=9.0), "flow_index = 9.0: must be less than or equal to 4"),
         (
             lambda: mps.HerschelBulkley(plastic_viscosity=20.0),
-            "unknown key 'plastic_viscosity', a number of the law Bing",
+            "unknown key 'plastic_viscosity': the law Bingham has it",
         ),
     ],
 )

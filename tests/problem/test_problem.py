@@ -80,13 +80,13 @@ def test_what_cannot_be_computed_is_refused(changes, numerics, message):
 def test_the_law_and_whether_it_rests_follow_from_the_material(material, law, rests):
     problem = Problem(mps.Scene(**parts(material=material)))
     assert (problem.law, problem.rests) == (law, rests)
-    assert problem.materials == (material,)
+    assert problem.scene.materials == (material,)
 
 
 def test_the_law_of_mixes_is_that_of_those_that_yield():
     soft, stiff = mps.Newtonian(density=2000.0), mps.Bingham(yield_value=50.0, plastic_viscosity=50.0)
     problem = Problem(mps.Scene(**parts(material=soft, inlets=(hose(material=stiff),))))
-    assert problem.materials == (soft, stiff) and problem.law == "yield-stress" and not problem.rests
+    assert problem.scene.materials == (soft, stiff) and problem.law == "yield-stress" and not problem.rests
 
 
 def test_walls_are_particles_where_the_scheme_or_the_user_wants_them_so_and_the_scene_has_them():

@@ -13,7 +13,7 @@ from taichi_mps.engine.runtime.backend import ti
 from taichi_mps.engine.terms.hourglass import DeferredCorrection
 from taichi_mps.engine.terms.momentum import MomentumOperator
 from taichi_mps.engine.terms.rheology import deviator
-from taichi_mps.engine.terms.stress import StrainRate
+from taichi_mps.engine.terms.strain_rate import StrainRate
 
 L0 = 0.1  # spacing [m]
 RE = 2.1 * L0  # effective radius [m]

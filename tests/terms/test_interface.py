@@ -6,7 +6,8 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.runtime.backend import ti
-from taichi_mps.engine.terms.rheology import compiled, curve_mapping, return_mapping, series_mapping
+from taichi_mps.engine.terms.rheology import compiled, curve_mapping, series_mapping
+from taichi_mps.engine.terms.stress import return_mapping
 from tests.support.scenes import two_mixes
 
 LOWER, UPPER, SPACING = mps.Newtonian(2300.0, 200.0), mps.Newtonian(2300.0, 20.0), 0.01

@@ -8,7 +8,8 @@ from scipy.integrate import trapezoid
 
 import taichi_mps as mps
 from taichi_mps.engine.runtime.backend import ti
-from taichi_mps.engine.terms.rheology import bi_viscosity, magnitude, return_mapping, shear_rate
+from taichi_mps.engine.terms.rheology import bi_viscosity, magnitude, shear_rate
+from taichi_mps.engine.terms.stress import return_mapping
 
 ETA, TAU_Y, PI_C, MU_R = 50.0, 300.0, 0.1, 400.0
 

@@ -7,7 +7,7 @@ slip of the particle, which within a solve is linear in the velocity u of the pa
     u_s = (1 - s) u + offset,      s = R/(R + mu/z),      t = R u_s + t_0:
 
 friction and the layer of thickness z between wall and particle in series. R is the viscous constant plus a penalty r,
-which ties the slip to the yield stress as mu_r does the strain rate (rheology.py). After each solve ``map_traction``
+which ties the slip to the yield stress as mu_r does the strain rate (stress.py). After each solve ``map_traction``
 maps the yield part of the traction back onto its bound, and moves ``offset`` so that in the end t is the traction of
 the particle's own stress, whatever s and r were.
 """

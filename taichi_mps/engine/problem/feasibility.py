@@ -41,7 +41,7 @@ def scheme_supports_the_law(problem):
 
 def own_laws_take_rate_and_structure(problem):
     """Functions of a user's law take two numbers, shear rate and structure."""
-    for key, function in chain.from_iterable(material.functions.items() for material in problem.materials):
+    for key, function in chain.from_iterable(material.functions.items() for material in problem.scene.materials):
         try:
             inspect.signature(function).bind(0.0, 0.0)
         except (TypeError, ValueError) as error:
@@ -86,7 +86,7 @@ def walls_suit_the_scheme(problem):
 def density_is_plausible(problem):
     """The density is plausible under the Earth's gravity; under another gravity numbers may be dimensionless."""
     if np.any(np.abs(np.linalg.norm(gravities(problem.scene), axis=1) - EARTH_GRAVITY) < 1.0):
-        for material in problem.materials:
+        for material in problem.scene.materials:
             require(
                 LIGHTEST <= material.density <= HEAVIEST,
                 f"density = {material.density:g} kg/m3: must be from {LIGHTEST:g} to {HEAVIEST:g} kg/m3 under gravity "

@@ -145,7 +145,7 @@ class Material(Checked):
             Text that follows the name, or ''.
         """
         if key in LAW_OF:
-            return f", a number of the law {LAW_OF[key].__name__}; must be left out here"
+            return f": the law {LAW_OF[key].__name__} has it; must be left out here"
         return super().instead_of(key)
 
     def facts(self) -> dict:
@@ -721,8 +721,7 @@ def chooses_law(name: str, value) -> bool:
 
     A viscous constant always does; another number unless it has the default that its law declares.
     """
-    law = next((law for law in LAWS if name in numbers_of(law)), None)
-    return law is None or name in law.viscous or value != law.model_fields[name].default
+    return name not in Concrete.model_fields or value != Concrete.model_fields[name].default
 
 
 @validated

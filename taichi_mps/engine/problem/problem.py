@@ -77,18 +77,13 @@ class Problem:
         return self.numerics.walls == "particles" and self.scene.wall_particles is not None
 
     @cached_property
-    def materials(self) -> tuple:
-        """Mixes: that of the scene first, then others that inlets bring."""
-        return self.scene.materials
-
-    @cached_property
     def law(self) -> str:
         """Law of all mixes: 'newtonian', 'yield-stress' (a true yield stress) or 'bi-viscosity'.
 
         A critical strain rate makes it 'bi-viscosity'; a flow curve has a true yield stress. So it is as the mixes are
         given: the scheme semi-implicit softens a true yield stress.
         """
-        yielding = [material for material in self.materials if not material.newtonian]
+        yielding = [material for material in self.scene.materials if not material.newtonian]
         if not yielding:
             return "newtonian"
         return "yield-stress" if yielding[0].critical_strain_rate is None else "bi-viscosity"
@@ -114,7 +109,7 @@ class Problem:
     @property
     def rests(self) -> bool:
         """Whether every mix has a true yield stress, without which nothing comes to rest."""
-        return all(material.rests for material in self.materials)
+        return all(material.rests for material in self.scene.materials)
 
     @cached_property
     def height(self) -> float:
@@ -209,7 +204,7 @@ class Problem:
         facts = {
             "scene": self.scene.name,
             "parameters": dict(self.scene.parameters),
-            "materials": [material.facts() for material in self.materials],
+            "materials": [material.facts() for material in self.scene.materials],
             "scheme": self.scheme,
             "numerics": self.numerics.model_dump(),
         }

@@ -209,7 +209,7 @@ class Scene:
         """Positions of all particles at 0 s [m], shape (n, d)."""
         return self.start["x"]
 
-    @property
+    @cached_property
     def materials(self) -> tuple:
         """Mixes: ``material`` first, then others that inlets bring."""
         others = [inlet.material for inlet in self.inlets if inlet.material not in (None, self.material)]

@@ -41,7 +41,7 @@ class TimeStep:
     does, ``natural`` a scale of the scene that does not depend on the steps taken [s]."""
 
     def __init__(self, problem):
-        scene, materials, numerics = problem.scene.expected, problem.materials, problem.numerics
+        scene, materials, numerics = problem.scene.expected, problem.scene.materials, problem.numerics
         height, gravity, speed, spacing = problem.height, problem.gravity, problem.speed, scene.spacing
         yields, self.limit = all(m.yields for m in materials), numerics.max_time_step or math.inf  # of any step [s]
         longest, slow = (

@@ -25,7 +25,8 @@ from ..terms.residuals import Residuals
 from ..terms.rigid import Rigid
 from ..terms.shifting import RELAXATION_SHIFTS, Shifting, is_uneven
 from ..terms.standstill import Standstill
-from ..terms.stress import SolvedRate, StrainRate, Stress
+from ..terms.strain_rate import SolvedRate, StrainRate
+from ..terms.stress import Stress
 from ..terms.wall_loads import WallFriction, WallLoads
 from ..terms.wall_stress import WallStress, no_force
 from .diagnostics import Diagnostics
@@ -47,7 +48,7 @@ class ImplicitScheme(Scheme):
         self.constants = Constants(fluid.particles, problem, fluid.gravity, fluid.twist)
         self.sums = PairSums(fluid.particles, fluid.gradient, walls)
         # which terms the scene needs: the stages of the others do nothing
-        several, holds = len(problem.materials) > 1, any(not wall.slip for wall in walls.surfaces)
+        several, holds = len(problem.scene.materials) > 1, any(not wall.slip for wall in walls.surfaces)
         directions = free_directions(scene, problem.numerics.walls)
         drifts = directions.any()
         self.may_be_full = problem.may_be_full(to_come)
@@ -275,7 +276,7 @@ class ImplicitScheme(Scheme):
 def carried(problem) -> dict[str, Carried]:
     """Fields that particles carry from step to step, by the law and the mixes of a problem."""
     fields = {"a": Carried("acceleration of the last step", "m/s2", "vector")}
-    several = len(problem.materials) > 1
+    several = len(problem.scene.materials) > 1
     if problem.scene.grains:
         fields["slot"] = Carried("place among the particles of grains, from 1; 0 of mortar", "-", "integer")
     if several:
@@ -285,7 +286,7 @@ def carried(problem) -> dict[str, Carried]:
         fields["plastic_rate"] = Carried("deviatoric rate q of the yield law", "1/s", "tensor")
         if several:
             fields["fluidity"] = Carried("shear rate of the particle's own mix over its stress", "1/(Pa s)")
-    if any(material.ages for material in problem.materials):
+    if any(material.ages for material in problem.scene.materials):
         fields["structure"] = Carried("structure of a thixotropic material", "-")
     return fields
 

@@ -1,5 +1,5 @@
 """One file for each physical term of the equations, and the constants of the mixes that they share.
 
 Terms do not import each other, but for rheology and constants; each writes only its own fields.
-Read rheology.py first.
+Read stress.py first.
 """

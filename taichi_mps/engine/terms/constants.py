@@ -74,13 +74,13 @@ class Constants:
     def __init__(self, particles, problem, gravity=None, twist=None):
         """``gravity``: field [m/s2] that is written at the start of a step; ``twist``: field of its gradient [1/s2]."""
         self.gravity, self.twist, self.twists = gravity, twist, twist is not None
-        self.particles, self.mixes = particles, len(problem.materials)
+        self.particles, self.mixes = particles, len(problem.scene.materials)
         self.of_mix = [ti.field(real(), self.mixes) for _ in MIX_FIELDS]
         self.of_scene = [ti.field(real(), ()) for _ in SCENE_FIELDS]
         vars(self).update(zip((*MIX_FIELDS, *SCENE_FIELDS), self.of_mix + self.of_scene, strict=True))
         grains = problem.scene.grains
         self.grain_density, self.held_density = grains.density if grains else 0.0, problem.held_density  # [kg/m3]
-        curved = [(k, m) for k, m in enumerate(problem.materials) if m.curved and m.from_fields]
+        curved = [(k, m) for k, m in enumerate(problem.scene.materials) if m.curved and m.from_fields]
         # by the number of a mix: numbers that its compiled flow curve reads
         self.laws = {k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=()) for k, m in curved}
         self.of_scene += [law.get_member_field(name) for law in self.laws.values() for name in law.keys]
@@ -89,7 +89,7 @@ class Constants:
     def set_problem(self, problem) -> None:
         """Set the numbers of a problem of the same law and geometry, with its largest height and speed; kernels stay
         compiled."""
-        scene, materials = problem.scene.expected, problem.materials
+        scene, materials = problem.scene.expected, problem.scene.materials
         self.materials = materials
         self.of_laws = [getattr(materials[k], name) for k, law in self.laws.items() for name in law.keys]
         height, gravity, speed = problem.height, problem.gravity, problem.speed

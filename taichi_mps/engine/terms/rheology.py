@@ -1,5 +1,5 @@
-"""Constitutive laws: apparent viscosity of the bi-viscosity Bingham law, the true yield law, and flow curves (eqs 1-3,
-5, 9); before a run and after its steps, a law of the user's own is checked."""
+"""Constitutive laws: apparent viscosity of the bi-viscosity Bingham law and flow curves (eqs 1-3, 5, 9), beside the
+true yield law of stress.py; before a run and after its steps, a law of the user's own is checked."""
 
 from inspect import unwrap
 from types import FunctionType, MethodType
@@ -36,10 +36,10 @@ def deviator(G):
 
 
 @ti.func
-def bi_viscosity(rate, plastic_viscosity, yield_value, critical_strain_rate):
+def bi_viscosity(rate, plastic_viscosity, yield_stress, critical_strain_rate):
     """mu = eta + tau_y / max(shear rate, 2 pi_c) [Pa s] (eqs 5, 9 with Pi_c = (2 pi_c)^2, eq 3); below 2 pi_c the
     material counts as unyielded. A Newtonian mix at rest has neither a yield stress nor a rate."""
-    return plastic_viscosity + yield_value / ti.max(rate, 2.0 * critical_strain_rate, 1e-12)
+    return plastic_viscosity + yield_stress / ti.max(rate, 2.0 * critical_strain_rate, 1e-12)
 
 
 def compiled(function, numbers=None):
@@ -148,30 +148,6 @@ def series_mapping(law: ti.template(), i, trial, across, mu_r, other_fraction, o
     _tau, along_over, across_over = parts_in_series(law, i, rate, numbers)
     along_factor, across_factor = 1.0 / along_over, 1.0 / across_over
     stress = trial * along_factor + across * (across_factor - along_factor)
-    return stress, (trial - stress) / (2.0 * mu_r), rate
-
-
-@ti.func
-def return_mapping(trial, plastic_viscosity, yield_value, mu_r, variation=0.0):
-    """Stress [Pa] and plastic strain rate q [1/s] of a true Bingham material from the trial stress lambda + 2 mu_r D.
-
-    Minimises the dissipation of q penalised by mu_r: |q| = max(0, (|trial| - tau_y)/(eta + mu_r)) (augmented
-    Lagrangian of Fortin and Glowinski). Rigid where |trial| <= tau_y: then q = 0 and the stress is the trial.
-
-    Where the stress differs by +-``variation`` [Pa] over what the gradient sees, the rate is the mean of the law (I31).
-    """
-    trial_magnitude = magnitude(trial)
-    rate = ti.max(0.0, (trial_magnitude - yield_value) / (plastic_viscosity + mu_r))
-    factor = (yield_value + plastic_viscosity * rate) / ti.max(trial_magnitude, 1e-12) if rate > 0.0 else 1.0
-    over = trial_magnitude - yield_value + variation
-    if variation > 1e-6 * yield_value and over > 0.0:
-        # rate = x^2/part and x + mu_r rate = over, of x = tau - tau_y + variation
-        scale = 4.0 * variation * plastic_viscosity
-        x = 2.0 * over / (1.0 + ti.sqrt(1.0 + 4.0 * mu_r * over / scale))
-        if x < 2.0 * variation:
-            rate = x * x / scale
-            factor = (trial_magnitude - mu_r * rate) / ti.max(trial_magnitude, 1e-12)
-    stress = trial * factor
     return stress, (trial - stress) / (2.0 * mu_r), rate
 
 

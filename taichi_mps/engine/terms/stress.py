@@ -1,84 +1,34 @@
-"""Strain rate and stress of the implicit scheme: the velocity gradient, what the yield law makes of it, and the
-viscosities of the matrix (I5, I6)."""
+"""Stress of the implicit scheme: what the yield law makes of the strain rate (strain_rate.py), and the viscosities of
+the matrix (I5, I6)."""
 
-from ..particles.particles import FLUID
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
 from .constants import Term
-from .rheology import (
-    bi_viscosity,
-    compiled,
-    curve_mapping,
-    deviator,
-    magnitude,
-    return_mapping,
-    series_mapping,
-    shear_rate,
-)
+from .rheology import bi_viscosity, compiled, curve_mapping, deviator, magnitude, series_mapping
 
 
-@ti.data_oriented
-class StrainRate(Term):
-    """Velocity gradient, shear rate and residual of the fit (gradient.py) of the velocity that particles carry."""
+@ti.func
+def return_mapping(trial, plastic_viscosity, yield_stress, mu_r, variation=0.0):
+    """Stress [Pa] and plastic strain rate q [1/s] of a true Bingham material from the trial stress lambda + 2 mu_r D.
 
-    def __init__(self, fluid, sums):
-        super().__init__(fluid)
-        # transpose of the velocity gradient in the plane [1/s]; in space with rows of four, for vector instructions
-        self.G = ti.Matrix.field(self.dimension, sums.lanes, real(), self.capacity)
-        self.rate = ti.field(real(), self.capacity)  # shear rate sqrt(2 D:D) [1/s]
-        self.residual = ti.field(real(), self.capacity)  # (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]
-        self.half_step = ti.field(real(), ())  # [s]
+    Minimises the dissipation of q penalised by mu_r: |q| = max(0, (|trial| - tau_y)/(eta + mu_r)) (augmented
+    Lagrangian of Fortin and Glowinski). Rigid where |trial| <= tau_y: then q = 0 and the stress is the trial.
 
-    @stage("prepare")
-    def evaluate(self, dt: float):
-        """Fit the velocity around each particle, at the middle of a step of dt [s]."""
-        for _ in range(1):
-            self.half_step[None] = 0.5 * dt
-        for i in range(self.particles.count[None]):
-            G, residual = self.gradient.fit(i, self.particles.u, 1.0)
-            G += self.gradient.curvature_correction(i)
-            for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
-                self.G[i][c, a] = G[a, c]
-            self.rate[i], self.residual[i] = shear_rate(G), residual
-
-    @ti.func
-    def velocity_gradient(self, i):
-        """The gradient (t, t) at particle i of the velocity at the start of the step [1/s]."""
-        return self.gradient.tensor(i, self.gradient.in_plane(self.G[i].transpose()), self.particles.u)
-
-    @ti.func
-    def half_step_change(self, i):
-        """Decrease [1/s] of the gradient (t, t) of a velocity when the particles move with it from the middle of the
-        step to its end (I32)."""
-        G = self.velocity_gradient(i)
-        return self.half_step[None] * G @ G
-
-
-@ti.data_oriented
-class SolvedRate(Term):
-    """Velocity gradient of the velocity that the system was solved for."""
-
-    def __init__(self, fluid, sums, strain_rate):
-        super().__init__(fluid, sums=sums, strain_rate=strain_rate)
-        t = self.particles.tensor_dimension
-        self.G = ti.Matrix.field(t, t, real(), self.capacity)  # velocity gradient [1/s]
-
-    @stage("stress")
-    def evaluate(self, u: ti.template()):
-        """Gradient of the velocity u [m/s], walls with their own; its shear rate is the particles' from now on."""
-        for i in range(self.particles.count[None]):
-            if self.particles.kind[i] != FLUID:
-                u[i] = self.particles.u[i]
-        self.sums.gather_differences(u)
-        for i in range(self.particles.count[None]):
-            G = self.sums.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
-            self.G[i] = G
-            self.particles.shear_rate[i] = shear_rate(G - self.strain_rate.half_step_change(i))
-
-    @ti.func
-    def velocity_gradient(self, i):
-        """The gradient (t, t) at particle i of the solved velocity [1/s]."""
-        return self.G[i]
+    Where the stress differs by +-``variation`` [Pa] over what the gradient sees, the rate is the mean of the law (I31).
+    """
+    trial_magnitude = magnitude(trial)
+    rate = ti.max(0.0, (trial_magnitude - yield_stress) / (plastic_viscosity + mu_r))
+    factor = (yield_stress + plastic_viscosity * rate) / ti.max(trial_magnitude, 1e-12) if rate > 0.0 else 1.0
+    over = trial_magnitude - yield_stress + variation
+    if variation > 1e-6 * yield_stress and over > 0.0:
+        # rate = x^2/part and x + mu_r rate = over, of x = tau - tau_y + variation
+        scale = 4.0 * variation * plastic_viscosity
+        x = 2.0 * over / (1.0 + ti.sqrt(1.0 + 4.0 * mu_r * over / scale))
+        if x < 2.0 * variation:
+            rate = x * x / scale
+            factor = (trial_magnitude - mu_r * rate) / ti.max(trial_magnitude, 1e-12)
+    stress = trial * factor
+    return stress, (trial - stress) / (2.0 * mu_r), rate
 
 
 @ti.data_oriented
@@ -96,8 +46,8 @@ class Stress(Term):
             solved_rate=solved_rate,
             rigid=rigid,
         )
-        self.law, self.mixes, self.tensors = problem.law, len(problem.materials), self.particles.tensor_dimension
-        materials = list(enumerate(problem.materials))
+        self.law, self.mixes, self.tensors = problem.law, len(problem.scene.materials), self.particles.tensor_dimension
+        materials = list(enumerate(problem.scene.materials))
         self.has_friction = any(material.friction_coefficient > 0.0 for _, material in materials)
         # (number of the mix, function) of what has a compiled flow curve, and of what is thixotropic
         numbers = constants.laws
@@ -178,25 +128,22 @@ class Stress(Term):
     @ti.func
     def yield_law(self, i, trial):
         """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
-        m = self.constants.mix(i)
-        if ti.static(self.particles.has_grains):  # 2 D = f rate T/|T|: the law of the mortar, with f mu_r
-            part, stress, rate = self.rigid.mortar_fraction[i] * self.mu[i], trial, ti.cast(0.0, float)
-            if ti.static(self.has_curve):
-                stress, _q, rate = curve_mapping(self, i, trial, part)
-            else:
-                stress, _q, rate = return_mapping(trial, self.constants.eta[m], self.yield_stress(i), part)
-            return stress, (trial - stress) / (2.0 * self.mu[i]), rate
-        elif ti.static(self.mixes > 1):
+        stress, rate, variation = trial, ti.cast(0.0, float), ti.cast(0.0, float)
+        mu = (
+            self.mortar_fraction(i) * self.mu[i]
+        )  # 2 D = f rate T/|T| beside a grain: the law of the mortar, with f mu_r
+        if ti.static(self.mixes > 1):
             across = self.interface.across_interface(i, trial)
             other_fraction, other_fluidity = self.interface.other_fraction[i], self.interface.other_fluidity[i]
-            return series_mapping(self, i, trial, across, self.mu[i], other_fraction, other_fluidity)
+            stress, _q, rate = series_mapping(self, i, trial, across, mu, other_fraction, other_fluidity)
         elif ti.static(self.has_curve):
-            return curve_mapping(self, i, trial, self.mu[i])
+            stress, _q, rate = curve_mapping(self, i, trial, mu)
         else:
-            variation = ti.cast(0.0, float)
             if ti.static(self.averages):
                 variation = self.variation[i]
-            return return_mapping(trial, self.constants.eta[m], self.yield_stress(i), self.mu[i], variation)
+            eta = self.constants.eta[self.constants.mix(i)]
+            stress, _q, rate = return_mapping(trial, eta, self.yield_stress(i), mu, variation)
+        return stress, (trial - stress) / (2.0 * self.mu[i]), rate
 
     @ti.func
     def yield_stress(self, i):
