@@ -400,7 +400,7 @@ def test_the_stages_of_a_step_are_called_in_this_order_and_have_an_equation():
 
 def test_the_stops_of_a_number_exist():
     stops = table("What a number passes through")
-    assert 3 <= len(stops) <= 9
+    assert 3 <= len(stops) <= 7
     for number, path, name, _ in stops:
         assert name in names(ROOT / path), f"stop {number}: {name} is not in {path}"
 
