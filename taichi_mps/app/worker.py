@@ -50,14 +50,14 @@ def preview_models(test: str, values: dict) -> list[Scene]:
     given |= {key: text for key, text in PREVIEW_MODELS[test].items() if text is not None}
     if "model" not in PREVIEW_MODELS[test]:
         return [catalogue.build(test, **given)]
-    valid, found = parameters(**given), []
+    valid, scenes = parameters(**given), []
     soft = (valid.yield_value or 0.0) < SOFT * valid.density * accuracy.GRAVITY * valid.height
     for part in (COARSE, FINE) if soft else (FINE,):
         scene = catalogue.build(test, **given, spacing=part * valid.height)
         low, (reach, top) = scene.domain
         reach = MIN_DOMAIN * valid.height * 2.0 ** max(0, math.ceil(math.log2(reach / (MIN_DOMAIN * valid.height))))
-        found.append(replace(scene, domain=(low, (reach, top))))
-    return found
+        scenes.append(replace(scene, domain=(low, (reach, top))))
+    return scenes
 
 
 class Film:
@@ -179,8 +179,8 @@ def measures_by_table(scene) -> dict | None:
     if any(value != table.settings.get(key, table.defaults[key]) for key, value in vessel.items()):
         return None
     with suppress(SceneError):  # a mix beyond the table
-        found = table.at(*np.log([getattr(mix, name) / mix.density for name in BINGHAM]))
-        return numbers({column: float(found[name]) for name, column in RESULT_COLUMNS[scene.name].items()})
+        estimates = table.at(*np.log([getattr(mix, name) / mix.density for name in BINGHAM]))
+        return numbers({column: float(estimates[name]) for name, column in RESULT_COLUMNS[scene.name].items()})
     return None
 
 

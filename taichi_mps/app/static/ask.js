@@ -1,10 +1,10 @@
 // Questions to the server, and elements made in one line.
 
-export async function ask(what, asked = {}) {
+export async function ask(what, query = {}) {
   let answer;
   try {
     answer = await fetch(`/ask/${what}`, {
-      method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(asked),
+      method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(query),
     });
   } catch {
     document.getElementById("lost").hidden = false;
@@ -20,9 +20,9 @@ export function reason(answer) {
 }
 
 // Lines of JSON as they come; stops when the signal is aborted.
-export async function* listen(what, asked, signal) {
+export async function* listen(what, query, signal) {
   const answer = await fetch(`/ask/${what}`, {
-    method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(asked), signal,
+    method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(query), signal,
   });
   const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
   let rest = "";

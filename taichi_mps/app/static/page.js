@@ -167,17 +167,17 @@ async function forecast() {
 }
 
 // What is wrong, at its field; what belongs to none above the button.
-function wrong(found) {
-  let rest = found[""] || "";
+function wrong(messages) {
+  let rest = messages[""] || "";
   for (const field of fields()) {
     const input = by(`field-${field.name}`);
-    const text = (found[field.name] || "").replace("must be left out", "must be left out: empty its field");
+    const text = (messages[field.name] || "").replace("must be left out", "must be left out: empty its field");
     if (!input) continue;
     by(`field-${field.name}-wrong`).textContent = text;
     input.toggleAttribute("aria-invalid", Boolean(text));
     if (text) input.closest("details")?.setAttribute("open", "");
   }
-  for (const [key, text] of Object.entries(found)) if (key && !by(`field-${key}`)) rest += text;
+  for (const [key, text] of Object.entries(messages)) if (key && !by(`field-${key}`)) rest += text;
   by("wrong").textContent = rest;
 }
 
@@ -186,8 +186,8 @@ async function preview() {
   by("stage").dataset.test = test().preview ? "moving" : "still";
   state.computed = false;
   if (!test().preview) return;
-  const call = (calling = new AbortController()), asked = performance.now();
-  performance.mark("asked");
+  const call = (calling = new AbortController()), start = performance.now();
+  performance.mark("preview");
   try {
     for await (const part of listen("preview", {test: test().name, values: state.values}, call.signal)) {
       if (call.signal.aborted) return;
@@ -196,7 +196,7 @@ async function preview() {
       if (part.wrong) source("");
       if (part.stage) stage.begin(part.stage);
       if (part.t !== undefined) {
-        if (!stage.frames.length) by("stage").dataset.first = Math.round(performance.now() - asked);
+        if (!stage.frames.length) by("stage").dataset.first = Math.round(performance.now() - start);
         stage.add(part);
       }
       if (part.result) {
@@ -204,7 +204,7 @@ async function preview() {
         stage.resting = ended === "rest";
         stage.finish(time);
         state.computed = true;
-        by("stage").dataset.result = Math.round(performance.now() - asked);
+        by("stage").dataset.result = Math.round(performance.now() - start);
         const known = Object.keys(errors).length ? "± by the measured errors of such a preview" : "its error was not measured";
         const size = `particles of ${Number((1000 * spacing).toPrecision(3))} mm`;
         const end = {rest: "", time: ", still moving", diverged: ", which this preview cannot follow to its end"}[ended] ?? "";
@@ -280,7 +280,7 @@ async function press(event) {
 // What has changed on the server.
 async function tick() {
   if (document.hidden) return;
-  const asked = calibrate.job;
+  const calibration = calibrate.job;
   const {jobs = [], last, lost} = await ask("jobs");
   if (lost) return;
   const before = state.job;
@@ -294,7 +294,7 @@ async function tick() {
   by("last").dataset.job = job?.state || "";
   button();
   runs.tick(jobs);
-  if (asked === calibrate.job) calibrate.tick(jobs);  // else this is an answer from before its job
+  if (calibration === calibrate.job) calibrate.tick(jobs);  // else this is an answer from before its job
 }
 
 function follow(job) {

@@ -102,8 +102,8 @@ export class Runs {
       h("span", {}, names.length ? `${names.length} chosen` : "Choose two or more to compare them."));
   }
 
-  async change(what, asked) {
-    const answer = await ask(what, asked);
+  async change(what, query) {
+    const answer = await ask(what, query);
     this.say(reason(answer));
     await this.fill();
     return !answer.wrong;
