@@ -87,12 +87,12 @@ export class Calibrate {
     this.job = null;
     this.button.textContent = "Calibrate";
     const result = await ask("result", {job});
-    if (result.verdict) return this.show(result);
+    if (result.verdict) return this.showResult(result);
     this.answer.textContent = result.state === "stopped" ? "Stopped by you." : "No answer.";
     this.mark({"": result.message || ""});
   }
 
-  show(facts) {
+  showResult(facts) {
     const mix = Object.fromEntries(Object.entries(facts.mix).map(([key, value]) => [key, `${Number(value.toPrecision(3))}`]));
     const use = `#slump?${new URLSearchParams(mix)}`;
     this.answer.replaceChildren(h("p.verdict", {"data-part": "constants"}, facts.verdict),
