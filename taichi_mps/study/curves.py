@@ -86,7 +86,6 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
         f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of "
         f"{', '.join(measures)}",
     )
-    unused = f"not used: {others}" if others else ""
     tests: dict[tuple, list[int]] = {}  # rows by the names and keywords of their run
     for k, row in enumerate(rows):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
@@ -103,10 +102,10 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
     require(
         "time" in found or not again,
         f"{where}row {again}: nothing tells it from a row before; must have a column of times, such as time [s], "
-        f"of a keyword of the scene or of names, such as test; {unused}".rstrip("; "),
+        f"of a keyword of the scene or of names, such as test{'; not used: ' if others else ''}{others}",
     )
-    if unused:
-        warnings.warn(where + unused, stacklevel=2)
+    if others:
+        warnings.warn(f"{where}not used: {others}", stacklevel=2)
     for key, at in tests.items():
         name, times = ", ".join([path.name, *map(" ".join, key)]), table["time"][at] if "time" in found else np.zeros(0)
         for a, b in pairwise([0.0, *times]):
