@@ -1,10 +1,9 @@
 """Grains by options of run: what they say, and what they choose."""
 
 import sys
-from dataclasses import replace
 from typing import get_args
 
-from ..engine import Grains, Scene
+from ..engine import Grains
 from ..units import Length, Ratio, SceneError, checked, require
 
 ACROSS = 4.0  # spacings across the smallest grain, where no spacing is given
@@ -18,9 +17,8 @@ def row(diameter: Length, fraction: Ratio = 1.0) -> tuple[float, float]:
 
 def grains_of(options) -> Grains | None:
     """Grains that the options of a run ask for, or none."""
-    numbers = ("volume", "density", "friction", "seed")
-    given = {name: getattr(options, f"grains_{name}") for name in numbers}
-    given = {name: value for name, value in given.items() if value is not None}
+    known = options.model_dump(exclude_none=True).items()
+    given = {name.removeprefix("grains_"): value for name, value in known if name.startswith("grains_")}
     if options.grains is None:
         require(not given, f"--grains-{next(iter(given), '')}: has no effect without --grains, the diameter")
         return None
@@ -47,9 +45,3 @@ def chosen_for(grains: Grains, keywords: dict, parameters) -> dict:
     if model and "model" not in found and "full" in get_args(model.annotation):
         found["model"] = "full"
     return found
-
-
-def with_grains(scene: Scene, options) -> Scene:
-    """The scene with the grains that the options of its run ask for."""
-    grains = grains_of(options)
-    return replace(scene, grains=grains) if grains else scene

@@ -23,7 +23,7 @@ from ..io.vtkhdf import Trajectory
 from ..units import INSTANT, SceneError, plain, quote, require, suggestion, user_path
 from .case_file import NOT_IN_CASE, case_text, expand_case_file
 from .drawing import Drawing
-from .grains import chosen_for, grains_of, with_grains
+from .grains import chosen_for, grains_of
 from .options import (
     BAD_INPUT,
     DONE,
@@ -94,11 +94,10 @@ def planned(name, argv):
     if grains:
         require("accuracy" not in keywords, "accuracy: no data with grains; must be left out, or without grains")
         keywords = chosen_for(grains, keywords, parameters)
-    scene = with_grains(catalogue.build(arguments.scene, **keywords), options)
+    scene = catalogue.build(arguments.scene, **keywords)
     for key in (key for key in keywords if is_tuple(parameters.model_fields[key])):
         read_back(key, scene.parameters[key], parameters.model_fields[key])
-    if options.until:
-        scene = replace(scene, until=options.until)
+    scene = replace(scene, until=options.until or scene.until, grains=grains or scene.grains)
     return arguments, options, Problem(scene, numerics(**given(arguments, numerics)))
 
 
@@ -170,7 +169,7 @@ def resume(arguments) -> int:
             complete(folder, drawing)
             return show_end(summary, folder, options.quiet, arguments.json)
         scene = state.scene(options.until, arguments.scene)
-        scene = with_grains(replace(scene, until=options.until or scene.until), options)
+        scene = replace(scene, until=options.until or scene.until, grains=grains_of(options) or scene.grains)
         is_over = scene.until <= passed + INSTANT
         require(
             not (is_over and unused), f"{unused}: nothing is left to compute; must be left out, or with a later until"

@@ -288,16 +288,14 @@ def default(field) -> str:
 
 
 def group_of(name: str, model) -> str:
-    """Group of an option in --help."""
-    if name in COST:
-        return "accuracy and cost"
-    if name in EXPERT or model in NUMERICS.values():
-        return "expert"
-    if name.startswith("grains"):
-        return "mix"
-    if issubclass(model, Pictures):
-        return "output" if name != "until" else "test"
-    return "mix" if name in MIX else "test"
+    """Group of an option in --help: the first of these that holds, else 'test'."""
+    holds = {
+        "accuracy and cost": name in COST,
+        "expert": name in EXPERT or model in NUMERICS.values(),
+        "mix": name.startswith("grains") or (name in MIX and not issubclass(model, Pictures)),
+        "output": issubclass(model, Pictures) and name != "until",
+    }
+    return next((group for group in holds if holds[group]), "test")
 
 
 def is_tuple(field) -> bool:

@@ -96,23 +96,20 @@ def watching(varied, quiet: bool, options, planned, runs=None):
     local, reported, start, count = options.executor == "local", set(), time.monotonic(), runs or len(planned)
     whole = there = None
 
-    def begin(number):
-        nonlocal whole, there
-        there = number
-        workers = min(options.workers or os.cpu_count() or 1, count - there) if local else 1
-        whole = wall_time(planned, workers, count - there)
-        time = (
-            f"{workers} at a time, about {duration_text(whole)} in all"
-            if local
-            else f"{duration_text(whole)} of processor time"
-        )
-        text = f"{'at most ' * bool(runs)}{count - there} runs" + (f", {there} more are there" if there else "")
-        print(f"taichi-mps: {text}: {time}", file=sys.stderr, flush=True)
-
     def tell(rows, total):
+        nonlocal whole, there
         known = len(reported)
         if there is None and len(rows) < count:
-            begin(len(rows))
+            there = len(rows)
+            workers = min(options.workers or os.cpu_count() or 1, count - there) if local else 1
+            whole = wall_time(planned, workers, count - there)
+            takes = (
+                f"{workers} at a time, about {duration_text(whole)} in all"
+                if local
+                else f"{duration_text(whole)} of processor time"
+            )
+            text = f"{'at most ' * bool(runs)}{count - there} runs" + (f", {there} more are there" if there else "")
+            print(f"taichi-mps: {text}: {takes}", file=sys.stderr, flush=True)
         for row in (row for row in rows if row["key"] not in reported):
             reported.add(row["key"])
             words = [

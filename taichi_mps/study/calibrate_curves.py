@@ -2,31 +2,29 @@
 of the scene near the best point; the regression averages their scatter."""
 
 from functools import partial
-from itertools import combinations_with_replacement
 from time import monotonic
 
 import numpy as np
 
 from ..engine import LAWS, Scene, numbers_of
 from ..input import catalogue
-from ..input.labels import in_words, is_measure, title, written
+from ..input.labels import in_words, is_measure, title, unit_of_measure, written
 from ..report.sentences import duration_text
 from ..units import notes, require, suggestion
 from .calibration import rounded
 from .case import Case, case, run
-from .curves import Curve, CurveFit, Test, measures_of, read_curves, stem_and_unit
+from .curves import Curve, CurveFit, Test, measures_of, read_curves
 from .fit import DIFFERENCE_STEP, constants_of, prior_of, worth_of
 from .sweep import executor_of, run_cases, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
 MAX_OFFSET = 0.5  # largest offset over the duration of the curve
-SAMPLES = 100  # of a curve of a run
 COARSENING = 2.0  # spacing of the runs of the fit over the scene's
 SEARCH_FACTOR = 100.0  # largest factor between a constant and its initial value
 START_FACTORS = 1.0, 0.1, 0.3, 3.0, 10.0  # of all constants at once, run first
 RUN_STEP = 0.4  # of the logarithm of a constant, between runs; particles scatter more than smaller steps
 RADIUS = 1.5 * RUN_STEP  # in the logarithms, within which runs enter the regression
-RUN = partial(run, samples=SAMPLES)  # of a case, to its end: its row, with its measures over time in ``course``
+RUN = partial(run, samples=100)  # of a case, to its end: its row, with that many values over time in ``course``
 MAX_ITERATIONS, MAX_CORRECTIONS = 10, 2  # regressions by coarse runs, and by these and a finer one
 TOLERANCE = 0.05  # change of the logarithms that ends them
 RELATIVE_ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
@@ -37,9 +35,10 @@ class Runs:
     """Runs of a scene beside measured curves, kept in the folder of a study.
 
     A point ``at`` holds the logarithms of the constants over their ``initial`` values, then the time of the scene at
-    the zero of each ``shifted`` test over a tenth of the test's duration, within ``bounds``, (2, unknowns). ``done``
-    holds the points whose runs have the spacing ``coarse`` [m] and came to their end, with their rows by test.
-    Residuals are those of all measured points: (computed - measured)/error.
+    the zero of each ``shifted`` test over a tenth of the test's duration, within ``bounds``, (2, unknowns). Its runs
+    are rows, one of the test of each curve; ``done`` holds the points whose runs have the spacing ``coarse`` [m] and
+    came to their end, with these rows, by the key of the first. Residuals are those of all measured points:
+    (computed - measured)/error.
     """
 
     def __init__(
@@ -48,10 +47,8 @@ class Runs:
         self.scene, self.settings, self.initial, self.bounds = scene, settings, initial, bounds
         self.curves, self.shifted, self.coarse, self.folder, self.report = curves, shifted, coarse, folder, report
         self.pool, self.start, self.planned, self.rows, self.done = None, monotonic(), {}, {}, {}
-        self.tests = list(dict.fromkeys(curve.test for curve in curves))
-        lengths = [len(curve.values) for curve in curves]
-        self.curve_ends = np.cumsum(lengths)[:-1]  # in the residuals
-        self.measures = np.repeat([curve.measure for curve in curves], lengths)
+        self.curve_ends = np.cumsum([len(curve.values) for curve in curves])[:-1]  # in the residuals
+        self.measures = np.concatenate([[curve.measure] * len(curve.values) for curve in curves])
         self.measured = np.concatenate([curve.values for curve in curves])
         largest = {name: np.abs(self.measured[self.measures == name]).max() or 1.0 for name in {*self.measures}}
         self.errors = RELATIVE_ERROR * np.array([largest[name] for name in self.measures])
@@ -63,6 +60,10 @@ class Runs:
             for (name, initial), factor in zip(self.initial.items(), np.exp(at), strict=False)
         }
 
+    def describe(self, at) -> str:
+        """Format the constants of a point."""
+        return ", ".join(f"{in_words(name)} {rounded(value)}" for name, value in self.mix(at).items())
+
     def offsets(self, at) -> dict[Test, float]:
         """Return the time [s] of the scene at the zero of each shifted test."""
         return {
@@ -72,44 +73,40 @@ class Runs:
 
     def case(self, test: Test, at, spacing) -> Case:
         """Return the case of a test at a point and a spacing [m]."""
-        margin = MAX_OFFSET * np.ptp(test.times) if test in self.shifted else 0.0
-        until = {"until": float(test.times[-1] + margin)} if len(test.times) else {}
+        later = MAX_OFFSET * (test in self.shifted)  # over the duration
+        until = {"until": float(test.times[-1] + later * np.ptp(test.times))} if len(test.times) else {}
         return case(self.scene, **self.settings | test.settings | self.mix(at) | until | {"spacing": spacing})
 
-    def compute(self, points, spacing) -> list[dict[Test, dict]]:
-        """Return the rows of the tests at each point; runs that are new are carried out in parallel."""
-        cases = [{test: self.case(test, at, spacing) for test in self.tests} for at in points]
-        before = len(self.planned)
-        self.planned |= {each.key: each for some in cases for each in some.values()}
-        if len(self.planned) > before:
-            rows = run_cases(list(self.planned.values()), self.folder, RUN, self.pool)
-            for row in (row for row in rows[before:] if row["status"] != "done"):
-                self.report(f"a run {row['status']}: {row['reason']}")
-            self.rows = {row["key"]: row for row in rows}
-        found = [{test: self.rows[each.key] for test, each in some.items()} for some in cases]
-        if spacing == self.coarse:
-            self.done |= {
-                tuple(self.mix(at).values()): (at, rows)
-                for at, rows in zip(points, found, strict=True)
-                if are_done(rows)
-            }
+    def compute(self, points, spacing) -> list[list[dict]]:
+        """Return the rows of each point; runs that are new are carried out in parallel."""
+        cases = [[self.case(curve.test, at, spacing) for curve in self.curves] for at in points]
+        self.planned |= {each.key: each for some in cases for each in some}
+        rows = run_cases(list(self.planned.values()), self.folder, RUN, self.pool)
+        for row in (row for row in rows if row["status"] != "done" and row["key"] not in self.rows):
+            self.report(f"a run {row['status']}: {row['reason']}")
+        self.rows = {row["key"]: row for row in rows}
+        found = [[self.rows[each.key] for each in some] for some in cases]
+        self.done |= {
+            rows[0]["key"]: (at, rows)
+            for at, rows in zip(points, found, strict=True)
+            if spacing == self.coarse and all(row["status"] == "done" for row in rows)
+        }
         return found
 
     def residuals(self, at, rows) -> np.ndarray:
-        """Return the residuals by rows of the tests, at the times of the curves with the offsets of a point, or at the
-        end; SceneError where a run failed."""
+        """Return the residuals by the rows of a point, at the times of the curves with the offsets of a point, or at
+        the end; SceneError where a run failed."""
         found, offsets = [], self.offsets(at)
-        for curve in self.curves:
-            test, name, row = curve.test, curve.measure, rows[curve.test]
-            require(row["status"] == "done", f"curve = {test.name}: a run {row['status']}: {row['reason']}")
-            values, times = row["course"] if len(test.times) else row, curve.times + offsets.get(test, 0.0)
+        for curve, row in zip(self.curves, rows, strict=True):
+            where, times = f"curve = {curve.test.name}: ", curve.times + offsets.get(curve.test, 0.0)
+            require(row["status"] == "done", f"{where}a run {row['status']}: {row['reason']}")
+            known = row["course"] if len(times) else row
             require(
-                name in values,
-                f"curve = {test.name}: the scene does not measure {name}; must be of "
-                f"{', '.join(filter(is_measure, values))}",
+                curve.measure in known,
+                f"{where}the scene does not measure {curve.measure}; must be of {', '.join(filter(is_measure, known))}",
             )
-            value = np.array(values[name], float, ndmin=1)
-            found.append(np.interp(times, values["time_s"], value) if len(times) else value)
+            values = np.array(known[curve.measure], float)
+            found.append(np.interp(times, known["time_s"], values) if len(times) else [values])
         return (np.concatenate(found) - self.measured) / self.errors
 
     def model(self, residuals) -> list[np.ndarray]:
@@ -119,7 +116,7 @@ class Runs:
     def require_reached(self, at, residuals) -> None:
         """Raise SceneError, with the residuals at a point, where over a quarter of a curve's points lie beyond all
         runs."""
-        found = np.array([self.residuals(at, rows) for _, rows in self.done.values()])
+        found = np.array([self.residuals(*run) for run in self.done.values()])
         beyond = np.maximum(found.min(0), -found.max(0)) > MAX_DISTANCE / RELATIVE_ERROR
         parts = zip(self.curves, np.split(beyond, self.curve_ends), self.model(residuals), strict=True)
         for curve, are_beyond, model in parts:
@@ -130,15 +127,6 @@ class Runs:
                 f"of the nearest run at {nearest}, {self.describe(at)}",
             )
 
-    def describe(self, at) -> str:
-        """Format the constants of a point."""
-        return ", ".join(f"{in_words(name)} {rounded(value)}" for name, value in self.mix(at).items())
-
-
-def are_done(rows: dict) -> bool:
-    """Whether the runs of all tests at a point came to their end."""
-    return all(row["status"] == "done" for row in rows.values())
-
 
 class ResponseSurface:
     """Residuals near a point as a smooth function of it, which averages the scatter of runs: a quadratic regression on
@@ -146,22 +134,19 @@ class ResponseSurface:
     the point and a step to each side. ``correction`` is added."""
 
     def __init__(self, runs: Runs, centre):
-        self.runs, self.centre, self.correction = runs, centre[: len(runs.initial)], 0.0
-        steps = np.diag([RUN_STEP] * len(runs.initial) + [DIFFERENCE_STEP] * len(runs.shifted))
+        self.runs, self.count, self.centre, self.correction = runs, len(runs.initial), centre, 0.0
+        steps = np.diag([RUN_STEP] * self.count + [DIFFERENCE_STEP] * len(runs.shifted))
         self.points = np.clip([centre, *(centre - steps), *(centre + steps)], *runs.bounds)
         self.rows = runs.compute(self.points, runs.coarse)
-        near = [
-            (self.terms_at(at), rows)
-            for at, rows in runs.done.values()
-            if np.abs(at - centre)[: len(self.centre)].max() <= RADIUS
-        ] or [(self.terms_at(centre), self.rows[0])]  # which failed, and tells why
-        self.terms, self.near = np.array([terms for terms, _ in near]), [rows for _, rows in near]
+        near = [run for run in runs.done.values() if np.abs(run[0] - centre)[: self.count].max() <= RADIUS]
+        points, self.near = zip(*near or [(centre, self.rows[0])], strict=True)  # which failed, and tells why
+        self.terms = np.array([self.terms_at(at) for at in points])
         self.inverse = np.linalg.pinv(self.terms, rcond=1e-3)
 
     def terms_at(self, at) -> np.ndarray:
         """Return the terms of the quadratic at a point."""
-        distances = at[: len(self.centre)] - self.centre
-        return np.array([1.0, *distances, *(a * b for a, b in combinations_with_replacement(distances, 2))])
+        distances = (at - self.centre)[: self.count]
+        return np.array([1.0, *distances, *np.outer(distances, distances)[np.triu_indices(self.count)]])
 
     def run_residuals(self, at) -> np.ndarray:
         """Return the residuals of the runs with the offsets of a point, (runs, points)."""
@@ -174,23 +159,23 @@ class ResponseSurface:
     def sides(self) -> np.ndarray:
         """Return the derivatives of the residuals between the run at the centre and those to each side, (2, points,
         unknowns); nan where a run failed."""
-        pairs, unknown = zip(self.points, self.rows, strict=True), np.full(len(self.runs.measured), np.nan)
-        here, *beside = (self.runs.residuals(*pair) if are_done(pair[1]) else unknown for pair in pairs)
-        slopes = (np.array(beside) - here).T / (self.points[1:] - self.points[0]).sum(1)
+        unknown, runs = np.full(len(self.runs.measured), np.nan), zip(self.points, self.rows, strict=True)
+        found = [self.runs.residuals(*run) if run[1][0]["key"] in self.runs.done else unknown for run in runs]
+        slopes = (np.array(found[1:]) - found[0]).T / (self.points[1:] - self.points[0]).sum(1)
         return np.stack(np.split(slopes, 2, axis=1))
 
     def scatter(self, at) -> np.ndarray:
         """Return errors of the residuals at a point by the scatter of runs, (runs, points), whose squares add up. A
         finer run that corrects the residuals scatters as much as one of the runs."""
-        found, weights = self.run_residuals(at), self.terms_at(at) @ self.inverse
+        weights, found = self.terms_at(at) @ self.inverse, self.run_residuals(at)
         variance = weights @ weights + bool(np.ndim(self.correction))  # over that of a run
         freedom = max(len(self.terms) - np.linalg.matrix_rank(self.inverse), 1)  # degrees of it
         return (found - self.terms @ self.inverse @ found) * np.sqrt(variance / freedom)
 
 
-def initial_values(scene: str, free: list[str], settings: dict) -> tuple[Scene, dict[str, float]]:
-    """Return the scene with initial values of the free constants, as given or the law's, and these; SceneError for what
-    is no constant of it."""
+def initial_values(scene: str, free: list[str], settings: dict) -> tuple[Scene, dict[str, float], np.ndarray]:
+    """Return the scene with initial values of the free constants, as given or the law's, these, and the bounds of the
+    logarithms over them, (2, constants); SceneError for what is no constant of it."""
     defaults = {name: number.default for law in reversed(LAWS) for name, number in numbers_of(law).items()}
     for name in free:
         require(
@@ -210,15 +195,17 @@ def initial_values(scene: str, free: list[str], settings: dict) -> tuple[Scene, 
             isinstance(value, float) and value > 0.0,
             f"{name} = {value}: is where the search begins; must be above 0",
         )
-    return built, initial
-
-
-def bounds_of(initial: dict, fields, offsets: int) -> np.ndarray:
-    """Return the bounds of a point: of the constants by the fields of the law, and of a number of offsets."""
-    marks = "ge", "gt", "le", "lt"  # each number has one of the first two and one of the others
-    found = [[getattr(it, m) for m in marks for it in notes(fields[name]) if hasattr(it, m)] for name in initial]
-    constants = np.clip(np.transpose(found) / list(initial.values()), 1.0 / SEARCH_FACTOR, SEARCH_FACTOR)
-    return np.hstack([np.log(constants), np.outer([-10.0 * MAX_OFFSET, 10.0 * MAX_OFFSET], np.ones(offsets))])
+    found = [  # a number has one of the first two bounds and one of the others
+        [
+            getattr(it, name)
+            for name in ("ge", "gt", "le", "lt")
+            for it in notes(numbers_of(law)[each])
+            if hasattr(it, name)
+        ]
+        for each in initial
+    ]
+    bounds = np.clip(np.transpose(found) / list(initial.values()), 1.0 / SEARCH_FACTOR, SEARCH_FACTOR)
+    return built, initial, np.log(bounds)
 
 
 def calibrate_curves(
@@ -232,34 +219,35 @@ def calibrate_curves(
     invalid input.
     """
     names = [name.strip().replace("-", "_").replace("yield_stress", "yield_value") for name in free.split(",")]
-    built, initial = initial_values(scene, [name for name in names if name != OFFSET], settings)
+    built, initial, bounds = initial_values(scene, [name for name in names if name != OFFSET], settings)
     require(initial, f"free = {free}: must be a constant of the law or more, such as yield_value,plastic_viscosity")
     keywords, given = catalogue.load(scene).parameters.model_fields, [*settings, *initial, "until"]
     paths, measures = [path.strip() for path in curve.split(",")], measures_of(built)
     curves = [each for path in paths for each in read_curves(path, keywords, measures, given)]
-    shifted = [test for test in dict.fromkeys(each.test for each in curves) if OFFSET in names and len(test.times)]
+    tests = list(dict.fromkeys(each.test for each in curves))
+    shifted = [test for test in tests if OFFSET in names and len(test.times)]
     points, least = sum(len(each.values) for each in curves), max(5, 1 + len(initial) + len(shifted))
     require(points >= least, f"curve = {curve}: holds {points} points; must be at least {least}")
-    for each in curves:
+    for each in (each for each in curves if unit_of_measure(each.measure)[1] == "cm"):  # beyond room a unit is missing
         room = 4.0 * np.ptp(catalogue.build(scene, **settings | initial | each.test.settings).domain, axis=0).max()
-        largest = np.abs(each.values).max() * (stem_and_unit(each.measure)[1] == "m")  # beyond room a unit is missing
+        largest = np.abs(each.values).max()
         require(
             largest <= room,
             f"curve = {each.test.name}: {each.measure} = {largest:g} m: must be at most {room:.2g} m, or have a unit, "
             "as in [cm]",
         )
-    spacing, bounds = built.spacing, bounds_of(initial, type(built.material).model_fields, len(shifted))
-    coarse = COARSENING * spacing if finer else spacing
-    runs = Runs(scene, settings, initial, bounds, curves, shifted, coarse, out, watch or str)
+    bounds = np.hstack([bounds, 10.0 * MAX_OFFSET * np.outer([-1.0, 1.0], np.ones(len(shifted)))])
+    coarse, report = (COARSENING if finer else 1.0) * built.spacing, watch or str
+    runs = Runs(scene, settings, initial, bounds, curves, shifted, coarse, out, report)
     start, at_once = executor_of(executor, workers)
+    likely = len(tests) * (len(START_FACTORS) + 6 * (1 + 2 * len(initial)))
+    duration = wall_time([runs.case(test, np.zeros(bounds.shape[1]), coarse) for test in tests], at_once or 1, likely)
+    report(
+        f"some {likely} runs at a spacing of {coarse:g} m, about {duration_text(duration)}"
+        + f", besides {3 * len(tests)} at {built.spacing:g} m" * finer
+    )
     with start() as runs.pool:
-        if watch:
-            likely = len(runs.tests) * (len(START_FACTORS) + 6 * (1 + 2 * len(initial)))
-            cases = [runs.case(test, np.zeros(bounds.shape[1]), coarse) for test in runs.tests]
-            duration = duration_text(wall_time(cases, at_once or 1, likely))
-            finely = f", besides {3 * len(runs.tests)} at {spacing:g} m" * finer
-            watch(f"some {likely} runs at a spacing of {coarse:g} m, about {duration}{finely}")
-        return fit_result(runs, built.material, spacing, *search(runs, spacing))
+        return fit_result(runs, built.material, built.spacing, *search(runs, built.spacing))
 
 
 def search(runs: Runs, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface]:
@@ -267,20 +255,21 @@ def search(runs: Runs, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface
     residuals there, (points, unknowns), and the regression near it."""
     from scipy.optimize import least_squares
 
-    count, scaled = len(runs.initial), [name != "flow_index" for name in runs.initial] + [False] * len(runs.shifted)
+    scaled = [name != "flow_index" for name in runs.initial] + [False] * len(runs.shifted)
     starts = np.clip(np.outer(np.log(START_FACTORS), scaled), *runs.bounds)
     runs.compute(starts, runs.coarse)
     at, _ = min(runs.done.values(), key=lambda run: np.sum(runs.residuals(*run) ** 2), default=(starts[0], None))
+    are_constants = np.arange(len(at)) < len(runs.initial)
     for is_corrected, most, steps in ((False, MAX_ITERATIONS, 2.0), (runs.coarse > spacing, MAX_CORRECTIONS, 1.0)):
-        before, radius = np.inf, np.where(np.arange(len(at)) < count, steps * RUN_STEP, np.inf)
+        before, radius = np.inf, np.where(are_constants, steps * RUN_STEP, np.inf)
         for _ in range(most):
             surface = ResponseSurface(runs, at)
             runs.require_reached(at, surface.residuals(at))
             if is_corrected:
-                surface.correction = runs.residuals(at, runs.compute([at], spacing)[0]) - surface.residuals(at)
+                surface.correction = runs.residuals(at, *runs.compute([at], spacing)) - surface.residuals(at)
             last, before = before, np.sum(surface.residuals(at) ** 2)
             found = least_squares(surface.residuals, at, bounds=np.clip([at - radius, at + radius], *runs.bounds))
-            moved, at = np.abs(found.x - at)[:count].max(), found.x
+            moved, at = np.abs(found.x - at)[are_constants].max(), found.x
             runs.report(
                 f"{len(runs.planned)} runs, {(monotonic() - runs.start) / len(runs.planned):.1f} s each: "
                 f"{runs.describe(at)}: misses by {RELATIVE_ERROR * np.sqrt(np.mean(found.fun**2)):.2%}"
@@ -299,12 +288,10 @@ def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurfa
     """
     from scipy.stats import t
 
-    count, (rows,) = len(runs.initial), runs.compute([at], spacing)
-    residuals, prior = runs.residuals(at, rows), prior_of(runs.bounds)
-    runs.require_reached(at, residuals)
-    sum_of_squares, degrees_of_freedom = max(float(residuals @ residuals), 1e-12), len(residuals) - len(at)
-    products = sum(float(part[1:] @ part[:-1]) for part in np.split(residuals, runs.curve_ends))
-    correlation = np.clip(products / sum_of_squares, 0.0, 0.9)
+    count, prior, residuals = len(runs.initial), prior_of(runs.bounds), runs.residuals(at, *runs.compute([at], spacing))
+    parts, degrees_of_freedom = np.split(residuals, runs.curve_ends), len(residuals) - len(at)
+    sum_of_squares = max(float(residuals @ residuals), 1e-12)
+    correlation = np.clip(sum(part[1:] @ part[:-1] for part in parts) / sum_of_squares, 0.0, 0.9)
     error = np.sqrt(sum_of_squares / degrees_of_freedom * (1.0 + correlation) / (1.0 - correlation))
     slopes, sides, noise = slopes / error, surface.sides() / error, surface.scatter(at) / error
 
@@ -317,13 +304,13 @@ def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurfa
     precisions = np.array([1.0 / np.diag(covariance(side)) - least for side in flattest])
     ends = at + quantile / np.sqrt(np.maximum(precisions, 0.01 * least)) * [[-1.0], [1.0]]
     constants = constants_of(runs.initial, at[:count], ends[:, :count], runs.bounds[:, :count])
-    spread, parts = quantile**2 * covariance(slopes), np.split(slopes, runs.curve_ends)
-    offsets, widths = runs.offsets(at), runs.offsets(np.sqrt(np.diag(spread)))
+    spread, worth = quantile**2 * covariance(slopes), worth_of(runs.initial, prior, np.split(slopes, runs.curve_ends))
+    widths = runs.offsets(np.sqrt(np.diag(spread)))
     return CurveFit(
         scene=runs.scene,
         material=material.model_copy(update={name: it.value for name, it in constants.items()}),
         constants=constants,
-        offsets={test.name: (offset, widths[test]) for test, offset in offsets.items()},
+        offsets={test.name: (offset, widths[test]) for test, offset in runs.offsets(at).items()},
         spread=spread[:count, :count],
         missed={
             name: float(RELATIVE_ERROR * np.sqrt(np.mean(residuals[runs.measures == name] ** 2)))
@@ -335,8 +322,8 @@ def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurfa
             for curve, model in zip(runs.curves, runs.model(residuals), strict=True)
         ],
         worth={
-            f"{title(curve.measure)} of {curve.test.name}": worth
-            for curve, worth in zip(runs.curves, worth_of(runs.initial, prior, parts), strict=True)
+            f"{title(curve.measure)} of {curve.test.name}": each
+            for curve, each in zip(runs.curves, worth, strict=True)
             if len(parts) > 1
         },
         runs=len(runs.planned),

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..input import catalogue
 from ..input.labels import in_words, title, unit_of_measure
-from ..units import Picture, Place, SceneError, quote, unit_of, validated, writing
+from ..units import Picture, Place, quote, require, unit_of, validated, writing
 from .calibrate import CONE_RESULTS
 from .curves import SHEAR_RATES
 from .emulator import DENSITY, emulator_of, positive
@@ -34,7 +34,6 @@ FORMULAS = {  # column of the reference: authors, and the range of slumps [mm] i
     "s_schowalter_mm": ("static column, Murata 1984, Christensen", (0.0, 300.0)),
 }
 ELEMENTS = "finite elements, 50 Pa s", "finite elements without inertia"
-HERE = Path(__file__).parent
 GREY = {"color": "#777f88", "lw": 1.3}  # of formulas
 
 
@@ -74,7 +73,7 @@ def set_log_ticks(axis, low: float, high: float, values=()) -> None:
 
 def reference(name: str) -> np.ndarray:
     """Rows of a reference CSV by column name: inside an installed package, of validation/ in a checkout."""
-    inside = HERE / "reference" / name
+    inside = Path(__file__).parent / "reference" / name
     file = inside if inside.is_file() else catalogue.PACKAGE.parent / "validation" / "reference" / name
     lines = [line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     return np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8", deletechars="")
@@ -218,8 +217,8 @@ def study_chart(rows, varied, out) -> Path:
     done = [row for row in rows if row["status"] == "done"]
     numbers = [name for name in varied if all(isinstance(row[name], float | int) for row in rows)]
     names = [name for name in measures(done) if any(row.get(name) is not None for row in done)]
-    if not numbers or not names:
-        raise SceneError("chart: needs a case that is done, with a measure, and a parameter that is varied by numbers")
+    needs = "chart: needs a case that is done, with a measure, and a parameter that is varied by numbers"
+    require(numbers and names, needs)
     unit = unit_of(catalogue.load(rows[0]["scene"]).parameters.model_fields[numbers[0]])
     x, others = numbers[0], [name for name in varied if name != numbers[0]]
     values = sorted({row[x] for row in done})

@@ -3,8 +3,9 @@ their fit: the constants of a law with intervals, its flow curve, and what is de
 
 import re
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,7 +23,6 @@ TIME_COLUMNS = (  # names of the column of the times
 FRAMES = re.compile(r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(\d+(?:\.\d+)?)\s*(?:fps|hz|1/s|/s)\W*")  # and their rate
 # words of the name of a column that names runs
 NAME_WORDS = "test concrete mix batch sample specimen name id no nr number probe versuch mischung 試験 配合 供試体 番号"
-DIAMETER = "spread_m"  # measure of a column 'diameter'
 MAX_GIVEN = 0.1  # part of the shear stress by constants that were given, up to which it counts as found
 SHEAR_RATES = np.geomspace(0.1, 1000.0, 81)  # of a flow curve [1/s]
 
@@ -46,43 +46,32 @@ class Curve:
     values: np.ndarray  # SI units, (n,); (1,) without times
 
 
-def stem_and_unit(measure: str) -> tuple[str, str]:
-    """Return the name of a measure without its end, and the SI unit by this end."""
-    end = next(end for end in UNITS if measure.endswith(end))
-    unit = {"_m_s": "m/s", "_ratio": ""}.get(end, end[1:].replace("_per_", "/").replace("_", " "))
-    return measure.removesuffix(end), unit
-
-
 def column_meanings(keywords: dict, measures) -> tuple[dict[str, str], dict[str, str]]:
     """Return the names that a column may have, {key_of(name): time, keyword or measure}, and the unit of each, SI."""
     spellings = {"time": TIME_COLUMNS.split()} | {name: [name, OPTIONS.get(name, name)] for name in keywords}
     units = {"time": "s"} | {name: unit_of(field).strip("-") for name, field in keywords.items()}
     for name in measures:
-        stem, units[name] = stem_and_unit(name)
-        spellings[name] = [
-            name,
-            stem,
-            title(name),
-            *COLUMN_NAMES.get(stem, "").split(),
-            *(["diameter"] if name == DIAMETER else []),
-        ]
+        end = next(end for end in UNITS if name.endswith(end))
+        stem, unit = name.removesuffix(end), end[1:].replace("_per_", "/").replace("_", " ")
+        units[name] = {"_m_s": "m/s", "_ratio": ""}.get(end, unit)
+        others = COLUMN_NAMES.get(stem, "") + " diameter" * (name == "spread_m")
+        spellings[name] = [name, stem, title(name), *others.split()]
     return {key_of(word): name for name, words in spellings.items() for word in words}, units
 
 
-def read_curves(path, keywords: dict, measures, given=()) -> list[Curve]:
-    """Read the curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds
+def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
+    """Yield the curves of a CSV file, a row a point: columns are time, measures of a scene and, where a file holds
     several curves or end values, the scene's ``keywords`` {name: pydantic field} that are not ``given``, or names, of
     NAME_WORDS; a warning names the others. SceneError for any other file."""
     path = user_path(path)
     rows, where = read_list(path, "curve"), f"curve = {path}: "
     words, units = column_meanings(keywords, measures)
-    contents = {column: match_column(column, words, units.get) for column in rows[0] if column}
-    for column in contents:
-        if at := FRAMES.fullmatch(column):
-            contents[column] = "time", "s"
-            for row in rows:
-                with suppress(ValueError, KeyError):  # told below
-                    row[column] = str(float(row[column]) / float(at[1]))
+    rates = {column: float(at[1]) for column in rows[0] if (at := FRAMES.fullmatch(column or ""))}  # of frames [1/s]
+    contents = {  # {column: (field, unit)}
+        column: ("time", "s") if column in rates else match_column(column, words, units.get)
+        for column in rows[0]
+        if column
+    }
     names = [
         column
         for column in contents
@@ -91,50 +80,45 @@ def read_curves(path, keywords: dict, measures, given=()) -> list[Curve]:
     found = [field for field, _ in contents.values() if field]
     twice = next((field for field in found if [*found, *given].count(field) > 1), "")
     require(not twice, f"{where}{twice} is a column of it; must be there once, and not be given as an option, too")
-    allowed, others = (
-        ", ".join(measures),
-        ", ".join(f"'{name}'" for name, (field, _) in contents.items() if not field and name not in names),
-    )
+    others = ", ".join(f"'{name}'" for name, (field, _) in contents.items() if not field and name not in names)
     require(
         set(measures) & set(found),
-        f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of {allowed}",
+        f"{where}has no column that the scene measures ({others or 'none else'}); must be one or more of "
+        f"{', '.join(measures)}",
     )
-    unused = f"not used: {others}" if others else ""
-    tests: dict[tuple, list[dict]] = {}  # points by names and keywords of the run
-    for number, row in enumerate(rows, 1):
+    tests: dict[tuple, list[int]] = {}  # rows by the names and keywords of their run
+    for k, row in enumerate(rows):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
-        settings = {field: f"{row[column]} {unit * without_unit(row[column])}".strip()
-                    for column, (field, unit) in contents.items() if field in keywords}  # fmt: skip
-        point = {field: parse_cell(row[column], unit, units[field], f"{where}row {number}, {column}")
-                 for column, (field, unit) in contents.items() if field not in (None, *keywords)}  # fmt: skip
-        key = *((column, row[column]) for column in names), *settings.items()
-        require(
-            "time" in found or key not in tests,
-            f"{where}row {number}: nothing tells it from a row before; must have a column of times, such as time [s], "
-            f"of a keyword of the scene or of names, such as test; {unused}".rstrip("; "),
-        )
-        tests.setdefault(key, []).append(point)
-    if unused:
-        warnings.warn(where + unused, stacklevel=2)
-    curves = []
-    for key, points in tests.items():
-        columns = {field: np.array([point[field] for point in points]) for field in points[0]}
-        name, times = ", ".join([path.name, *map(" ".join, key)]), columns.pop("time", np.zeros(0))
-        for a, b in zip([0.0, *times[:-1]], times, strict=False):
+        told = [(column, row[column]) for column in names]
+        told += [(field, f"{row[column]} {unit * without_unit(row[column])}".strip())
+                 for column, (field, unit) in contents.items() if field in keywords]  # fmt: skip
+        tests.setdefault((*told,), []).append(k)
+    table = {
+        field: np.array([number(row[column], unit, units[field], f"{where}row {k}, {column}")
+                         for k, row in enumerate(rows, 1)]) / rates.get(column, 1.0)
+        for column, (field, unit) in contents.items() if field not in (None, *keywords)
+    }  # fmt: skip
+    again = min((at[1] + 1 for at in tests.values() if at[1:]), default=0)
+    require(
+        "time" in found or not again,
+        f"{where}row {again}: nothing tells it from a row before; must have a column of times, such as time [s], "
+        f"of a keyword of the scene or of names, such as test{'; not used: ' if others else ''}{others}",
+    )
+    if others:
+        warnings.warn(f"{where}not used: {others}", stacklevel=2)
+    for key, at in tests.items():
+        name, times = ", ".join([path.name, *map(" ".join, key)]), table["time"][at] if "time" in found else np.zeros(0)
+        for a, b in pairwise([0.0, *times]):
             require(
                 b >= a, f"curve = {name}: times fall: after {a} s comes {b} s; must be 0 s or more, and none missing"
             )
         test = Test(name, {field: text for field, text in key if field in keywords}, times)
-        known = {measure: np.isfinite(values) for measure, values in columns.items()}
-        curves += [
-            Curve(test, measure, times[known[measure][: len(times)]], values[known[measure]])
-            for measure, values in columns.items()
-            if known[measure].any()
-        ]
-    return curves
+        for measure, values in ((measure, table[measure][at]) for measure in table if measure != "time"):
+            if (known := np.isfinite(values)).any():
+                yield Curve(test, measure, times[known[: len(times)]], values[known])
 
 
-def parse_cell(cell: str, unit: str, si_unit: str, where: str) -> float:
+def number(cell: str, unit: str, si_unit: str, where: str) -> float:
     """Return a cell in the unit ``si_unit``, from its own unit or that of its column; nan for an empty one."""
     try:
         return float(in_unit(si_unit, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
@@ -145,11 +129,11 @@ def parse_cell(cell: str, unit: str, si_unit: str, where: str) -> float:
 def measures_of(scene) -> list[str]:
     """Return the names of a scene's measures known before a run; all of RESULTS where there are none."""
     found = scene.measure(scene.unfold(still(scene.initial, scene.spacing))) if scene.measure else {}
-    if not found or not scene.over_time:
-        return list(found or RESULTS)
+    history = {"time_s": np.arange(2.0)} | {name: np.full(2, value) for name, value in found.items()}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a history of two rows
-        return [*found, *scene.over_time({"time_s": np.arange(2.0)} | {k: np.full(2, v) for k, v in found.items()})]
+        warnings.simplefilter("ignore")  # of so short a history
+        later = scene.over_time(history) if found and scene.over_time else {}
+    return [*found, *later] or list(RESULTS)
 
 
 # ---- result of a fit --------------------------------------------------------------------------------------------
@@ -184,17 +168,17 @@ class CurveFit(FittedConstants):
         errors = dict(zip(self.constants, map(percent, np.sqrt(np.diag(self.spread))), strict=True))
         known = [f"{in_words(name)} to {errors[name]}" for name, it in self.constants.items() if it.determined]
         others = [in_words(name) for name, it in self.constants.items() if not it.determined]
-        text = f"The curves determine the {' and the '.join(known)}. " if known else ""
-        text += f"They do not determine the {' and the '.join(others)}. " if others else ""
         given = [name for name, it in dict(self.material).items() if isinstance(it, float) and name not in errors]
-        _, by_given = self.logarithmic_slopes(given, SHEAR_RATES)
-        own = np.abs(by_given).sum(0) < MAX_GIVEN
-        if not own.any():
-            return text.rstrip()
-        points = zip(SHEAR_RATES[own], *self.flow_curve(SHEAR_RATES[own]), strict=True)
-        rate, stress, factor = min(points, key=lambda point: point[2])
-        best = f"{rate:.2g} 1/s, {rounded(stress)} Pa, to {percent(np.log(factor))}"
-        return f"{text}The shear stress is known best at {best}."
+        own = np.abs(self.logarithmic_slopes(given, SHEAR_RATES)[1]).sum(0) < MAX_GIVEN
+        stress, factor = self.flow_curve()
+        best = np.where(own, factor, np.inf).argmin()
+        sentences = {
+            f"The curves determine the {' and the '.join(known)}.": known,
+            f"They do not determine the {' and the '.join(others)}.": others,
+            f"The shear stress is known best at {SHEAR_RATES[best]:.2g} 1/s, {rounded(stress[best])} Pa, to "
+            f"{percent(np.log(factor[best]))}.": own.any(),
+        }
+        return " ".join(text for text, holds in sentences.items() if holds)
 
     def facts(self) -> dict:
         """Return all results, JSON-ready."""

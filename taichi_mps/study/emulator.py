@@ -82,7 +82,8 @@ class Emulator:
         missing = ", ".join(name for name in needed if name not in first)
         require(not missing, f"table: has no column {missing}; must be a study of the {self.scene} over both constants")
         done = [row for row in rows if row["status"] == "done" and all(positive(row[name]) for name in constants)]
-        checks = [row for row in done if row.get("role") == "check" or spacing(row) < spacing(done[0])]
+        sizes = [row.get("spacing") or 0.0 for row in done]  # of particles [m], 0 where none is named
+        checks = [r for r, size in zip(done, sizes, strict=True) if r.get("role") == "check" or size < sizes[0]]
         nodes = [row for row in done if row not in checks]
         needed = " and ".join(f"3 values of {in_words(name)}" for name in constants)
         require(
@@ -191,8 +192,3 @@ def require_covered(constants, ends, point, density) -> None:
                 f"{name} = {value:g} {unit}: must be {rounded(low)} to {rounded(high)} {unit}, what the table covers "
                 f"at {density:g} kg/m3"
             )
-
-
-def spacing(row) -> float:
-    """Return the spacing of a row [m], 0 where it names none."""
-    return row.get("spacing") or 0.0

@@ -129,9 +129,8 @@ def without_slump(measured: dict[str, str]) -> dict[str, str]:
     flows += ["slump flow"] if test.spread and test.spread - 3.0 * test.spread_error > base else []
     why = f"slump = 0 m: such a mix has no {' and no '.join(flows)}; must be an empty cell if it was not measured"
     require(not flows, why)
-    slump_error = test.slump_error
     kept = {name: value for name, value in measured.items() if name in ("rho", "plastic_viscosity", "slump_error")}
-    return kept | {"slump": str(slump_error)}
+    return kept | {"slump": str(test.slump_error)}
 
 
 # ---- the results -----------------------------------------------------------------------------------------------

@@ -148,8 +148,8 @@ def match_column(column: str, fields: dict[str, str], unit_of) -> tuple[str | No
     be an abbreviation of something else, it gives None and ''.
     """
     text = unicodedata.normalize("NFKC", column)
-    name, units = BRACKETS.sub(" ", text).strip(), [unit.strip() for unit in BRACKETS.findall(text)]
-    units = [re.sub(r"(?i)^in\s+", "", unit) for unit in units]
+    name = BRACKETS.sub(" ", text).strip()
+    units = [re.sub(r"(?i)^in\s+", "", unit.strip()) for unit in BRACKETS.findall(text)]
     found, units = fields.get(key_of(name)), [unit for unit in units if is_unit(unit, fields)]
     if not found and (tail := NAME_AND_UNIT.fullmatch(name)):
         found, units = fields.get(key_of(tail[1])), [tail[2]]
