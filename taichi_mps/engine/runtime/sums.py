@@ -22,11 +22,15 @@ def running_sums(counts: ti.template(), n):
     else:  # inside chunks; then the last number of each chunk; then the others
         chunks = n // CHUNK + 1
         for chunk in range(chunks):
+            total = counts[chunk * CHUNK]  # kept here: Vulkan may not see at once what it adds to a field
             for k in range(chunk * CHUNK + 1, ti.min((chunk + 1) * CHUNK, n + 1)):
-                counts[k] += counts[k - 1]
-        ti.loop_config(serialize=True)
-        for chunk in range(1, chunks):
-            counts[ti.min((chunk + 1) * CHUNK, n + 1) - 1] += counts[chunk * CHUNK - 1]
+                total += counts[k]
+                counts[k] = total
+        for _ in range(1):
+            total = counts[ti.min(CHUNK, n + 1) - 1]
+            for chunk in range(1, chunks):
+                total += counts[ti.min((chunk + 1) * CHUNK, n + 1) - 1]
+                counts[ti.min((chunk + 1) * CHUNK, n + 1) - 1] = total
         for k in range(CHUNK, n):
             if (k + 1) % CHUNK != 0:
                 counts[k] += counts[k // CHUNK * CHUNK - 1]
