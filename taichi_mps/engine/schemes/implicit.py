@@ -150,7 +150,7 @@ class ImplicitScheme(Scheme):
     # ---- its parts, stages in their order --------------------------------------------------------------------------
     def predict(self, dt, first):
         """Set pressure, viscosity and resistances from the last velocity, and the correction of the resistances."""
-        self.pressure.find_closed_box(int(self.active_set.is_full_step and self.may_be_full))
+        self.pressure.find_closed_box(int(self.active_set.is_full_step and self.may_be_full), first)
         self.pressure.smooth(dt)
         self.friction.set_initial_slip(dt)
         self.wall_stress.set_driving_force()
@@ -263,12 +263,14 @@ class ImplicitScheme(Scheme):
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""
-        return {"first": self.first, "unmet": self.unmet} | self.active_set.state() | self.contacts.state()
+        own = {"first": self.first, "unmet": self.unmet, "full": self.pressure.full[None]}
+        return own | self.active_set.state() | self.contacts.state()
 
     def load(self, state: dict) -> None:
         """Load the scalars of a saved state."""
         self.wall_loads.up_to_date = False
         self.first, self.unmet = state["first"], state.get("unmet", 0)
+        self.pressure.full[None] = state.get("full", 0)
         self.active_set.load(state)
         self.contacts.load_state(state)
 

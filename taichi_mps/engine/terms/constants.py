@@ -78,9 +78,14 @@ class Constants:
         self.of_mix = [ti.field(real(), self.mixes) for _ in MIX_FIELDS]
         self.of_scene = [ti.field(real(), ()) for _ in SCENE_FIELDS]
         vars(self).update(zip((*MIX_FIELDS, *SCENE_FIELDS), self.of_mix + self.of_scene, strict=True))
-        grains = problem.scene.grains
+        scene, grains = problem.scene, problem.scene.grains
         self.grain_density, self.held_density = grains.density if grains else 0.0, problem.held_density  # [kg/m3]
-        curved = [(k, m) for k, m in enumerate(problem.scene.materials) if m.curved and m.from_fields]
+        curved = [(k, m) for k, m in enumerate(scene.materials) if m.curved and m.from_fields]
+        self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
+        changing = bool(scene.gravity_in_time or scene.jolts)
+        # 0 where weight may act along a periodic axis, on which nothing holds it, else 1; middle of the fluid [m]
+        self.has_supports = float(not np.any((changing | (scene.gravity_vector != 0.0)) & np.array(scene.periodic)))
+        self.middle = scene.expected.fluid.mean(0).tolist()
         # by the number of a mix: numbers that its compiled flow curve reads
         self.laws = {k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=()) for k, m in curved}
         self.of_scene += [law.get_member_field(name) for law in self.laws.values() for name in law.keys]
@@ -175,13 +180,16 @@ class Constants:
         return density
 
     @ti.func
+    def density_held_by_walls(self):
+        """Density whose weight the walls of a full closed box hold, whatever flows in it: that of the first mix; 0
+        elsewhere [kg/m3]."""
+        return self.density[0] * (self.full[None] * self.has_supports)
+
+    @ti.func
     def head_density(self, i):
         """Density whose weight the pressure around particle i balances, that of the mortar where there are grains, less
-        what a mean pressure gradient holds [kg/m3]."""
-        density = self.density[self.mix(i)]
-        if ti.static(self.held_density > 0.0):
-            density -= ti.cast(self.held_density, float)
-        return density
+        what a mean pressure gradient or the walls of a full closed box hold [kg/m3]."""
+        return self.density[self.mix(i)] - (ti.cast(self.held_density, float) + self.density_held_by_walls())
 
     @ti.func
     def gravity_at(self, i):
@@ -193,10 +201,9 @@ class Constants:
 
     @ti.func
     def weight_of(self, i):
-        """Weight of particle i by its volume [N/m3]."""
-        density = self.density_of(i)
-        if ti.static(self.held_density > 0.0):
-            density -= ti.cast(self.held_density, float)
+        """Weight of particle i by its volume, less what a mean pressure gradient or the walls of a full closed box hold
+        [N/m3]."""
+        density = self.density_of(i) - (ti.cast(self.held_density, float) + self.density_held_by_walls())
         return density * ti.cast(self.gravity_at(i), float)
 
     @ti.func

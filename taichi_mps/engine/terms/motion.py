@@ -32,13 +32,14 @@ class Motion(Term):
 
     @stage("advance")
     def advance(self, dt: float, u: ti.template(), first: ti.i32):
-        """x <- x + dt u/2 + shift. In the first step a particle that viscosity holds (it gains less than half of free
-        fall) had its speed at once: x <- x + dt u."""
+        """x <- x + dt u/2 + shift. In the first step a particle that falls and that viscosity holds (it gains less than
+        half of free fall) had its speed at once: x <- x + dt u."""
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
                 half = 0.5 * u[i]
                 if (
                     first != 0
+                    and self.constants.density_held_by_walls() == 0.0
                     and (u[i] - self.particles.u[i]).norm()
                     < 0.5 * ti.cast(self.constants.gravity_at(i), float).norm() * dt
                 ):

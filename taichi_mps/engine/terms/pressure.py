@@ -24,13 +24,17 @@ FULL_STRAIN = 0.02  # in a step, from which on packing error and shift act fully
 
 @ti.data_oriented
 class Pressure(Term):
-    """Smoothed pressure ``p`` [Pa] of every particle; zero where it carries no stress."""
+    """Smoothed pressure ``p`` [Pa] of every particle; zero where it carries no stress.
+
+    The walls of a full closed box hold the weight of a fluid of one density, however it flows. There p, and what
+    particles carry, is the pressure in excess of the ``hydrostatic`` one, and that weight acts on no particle (I34).
+    """
 
     def __init__(self, fluid, constants):
         super().__init__(fluid, constants=constants)
         self.p = ti.field(real(), self.capacity)  # [Pa]
         self.smoothed_once = ti.field(real(), self.capacity)  # pressure for output after the first smoothing [Pa]
-        self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
+        self.full = constants.full  # 1 in a closed box without a free surface
 
     @ti.func
     def hydrostatic_fraction(self, p):
@@ -38,6 +42,14 @@ class Pressure(Term):
         where p is below that of half a layer, for a body in free fall has no hydrostatic part. A full closed box cannot
         fall, and its pressure is free up to a constant: there it is 1 everywhere."""
         return ti.max(self.constants.pressure_ramp(p), ti.cast(self.full[None], float))
+
+    @ti.func
+    def hydrostatic(self, i):
+        """Pressure [Pa] that the walls of a full closed box bear at particle i: of the first mix at rest, zero in the
+        middle."""
+        density = self.constants.density[0] * ti.cast(self.constants.has_supports, float)
+        height = ti.cast(self.particles.x[i] - ti.Vector(self.constants.middle, ti.f64), float)
+        return density * ti.cast(self.constants.gravity[None], float).dot(height)
 
     @ti.func
     def mean(self, i, fraction, pressure: ti.template()):
@@ -54,7 +66,7 @@ class Pressure(Term):
                 w = self.gradient.weight_r2[k] * r.dot(r)
                 density = density_i
                 if ti.static(self.constants.mixes > 1):
-                    density = 0.5 * (density_i + self.constants.density[self.constants.mix(j)])
+                    density = 0.5 * (density_i + self.constants.head_density(j))
                 total += w * (pressure[j] - density * g.dot(r))
                 weight += w
         p = pressure[i]
@@ -78,7 +90,7 @@ class Pressure(Term):
         for i in range(self.particles.count[None]):
             self.smoothed_once[i] = self.mean(i, OUTPUT_SMOOTHING, self.particles.p)
         for i in range(self.particles.count[None]):
-            self.p[i] = self.mean(i, OUTPUT_SMOOTHING, self.smoothed_once)
+            self.p[i] = self.mean(i, OUTPUT_SMOOTHING, self.smoothed_once) + self.full[None] * self.hydrostatic(i)
 
     @ti.func
     def has_gap(self, i):
@@ -86,9 +98,11 @@ class Pressure(Term):
         return ti.cast(self.gradient.neighbour_count[i] < 0.75 * self.gradient.full, ti.i32)
 
     @stage("smooth pressure")
-    def find_closed_box(self, may_change: ti.i32):
+    def find_closed_box(self, may_change: ti.i32, first: ti.i32):
         """Whether this is a full closed box, without a surface: particles with a gap that have ``dimension`` of them
-        around. It stays what it was unless it ``may_change``: in a step of all particles, where the vessel may fill."""
+        around. It stays what it was unless it ``may_change``: in a step of all particles, where the vessel may fill.
+        As it changes, the pressure that particles carry from before this step, unless it is the ``first``, loses or
+        gains the hydrostatic one."""
         ti.loop_config(serialize=True)
         for _ in range(may_change):
             surface, gaps, rows = 0, 0, 0
@@ -101,7 +115,11 @@ class Pressure(Term):
                         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                             around += self.has_gap(self.neighbors.column[k])
                         surface += around >= self.dimension
-            self.full[None] = ti.cast(surface == 0 and rows > 10 * gaps, ti.i32)
+            full = ti.cast(surface == 0 and rows > 10 * gaps, ti.i32)
+            if first == 0 and full != self.full[None]:
+                for i in range(self.particles.count[None]):
+                    self.particles.p[i] += (self.full[None] - full) * self.hydrostatic(i)
+            self.full[None] = full
 
     @ti.func
     def volume_mean(self, values: ti.template()):

@@ -102,10 +102,12 @@ class WallLoads(Term):
                 field[i] = ti.zero(field[i])
             x, volume = self.particles.x[i], self.particles.volume(i)
             T = self.stress.total(i, self.solved_rate)
+            T -= self.pressure.full[None] * self.pressure.hydrostatic(i) * ti.Matrix.identity(float, T.n)
             h, flux = self.resistance.h[i], self.correction.force(i)[0]
             flux += volume * (self.gradient.in_plane(T) @ self.gradient.B[i])
             flux -= h * self.gradient.in_plane(self.solved_rate.velocity_gradient(i))
-            weight = self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
+            density = self.constants.head_density(i) + self.constants.density_held_by_walls()
+            weight = density * ti.cast(self.constants.gravity_at(i), float)
             weight *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
             size = self.gradient.cross_section_ratio(i)
             for f, wall in ti.static(enumerate(self.walls.faces)):
