@@ -9,7 +9,10 @@ a grain have one mass, so the same sums make its motion of velocities and its fo
 moment of inertia is not that of its particles as points: the difference, times the rotation, is added.
 
 A particle of a grain that sees no mortar carries neither stress nor pressure: its gradient is taken out. At the surface
-a gradient sees both sides, but all strain is that of the mortar, whose ``share`` along the normal is f (G4).
+a gradient sees both sides, but all strain is that of the mortar, whose ``share`` along the normal is f. The mortar that
+it sees lies farther from the grain than the particle, whose stress is wanted, and there the shear rate is less: f is
+divided by what it falls around a sphere that turns, (r_c/r_i)^d, r_c and r_i the distances of the middle of that mortar
+and of the particle from the centre (G4).
 """
 
 import numpy as np
