@@ -6,8 +6,8 @@ At a contact with the normal n from the other, and the velocity v of the grain r
 
 and in the matrix of the step r n n^T where it presses, r (I - n n^T) where it sticks. A grain keeps the list of its own
 contacts, so one between two grains is in both lists, with opposite forces, and each grain sums its own. Pairs are found
-in the lists of neighbours of its particles; feet on a wall from each of them, so each bar of a wall is a contact. A list
-that is full ends the run.
+in the lists of neighbours of its particles; feet on a wall from each of them, so each bar of a wall is a contact. A
+list that is full ends the run.
 """
 
 import numpy as np
