@@ -204,8 +204,7 @@ class Rigid(Term):
                 share = of_others if own >= 0 else 1.0 - of_others
                 least = ti.static(LEAST_SHARE if self.yields else LEAST_VISCOUS_SHARE)
                 centre = middle / ti.max(LEAST_SHARE, share) * (1.0 if own >= 0 else -1.0)  # of the mortar that i sees
-                share /= self.fall(core, i, centre)
-                self.share[i] = ti.max(least, ti.min(1.0, share))
+                self.share[i] = ti.max(least, ti.min(1.0, share)) / self.fall(core, i, centre)
         for i in range(self.particles.count[None]):
             if self.mute[i] == 1:
                 self.gradient.B[i] *= 0.0
