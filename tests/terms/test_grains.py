@@ -161,7 +161,7 @@ def test_a_grain_of_one_and_a_tenth_gaps_rests_on_two_bars_of_one_solid():
 def test_a_contact_that_finds_no_room_in_the_list_of_its_grain_ends_the_run(monkeypatch):
     monkeypatch.setattr("taichi_mps.engine.terms.contact.most_contacts", lambda _radii, _surfaces: 1)
     sim = dry([(0.0, 0.0), (0.03, 0.03), (0.06, 0.06)])
-    with pytest.raises(mps.DivergedError, match="1 contacts of grains do not fit into lists of 1"):
+    with pytest.raises(mps.DivergedError, match="a grain has more contacts than its list of 1 holds"):
         sim.step()
 
 

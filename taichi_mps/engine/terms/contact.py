@@ -43,7 +43,7 @@ class Contacts(Term):
         self.most = most_contacts(rigid.radii, len(self.walls.surfaces))  # room of each grain
         n = rigid.count * self.most
         self.number = ti.field(ti.i32, rigid.count)
-        self.left_out = ti.field(ti.i32, ())  # contacts of the step that found no room
+        self.left_out = ti.field(ti.i32, ())  # times in the step that a contact found no room
         # partner: a grain, or -1 - k of wall k; whether it presses, and sticks
         self.partner, self.presses, self.sticks = (ti.field(ti.i32, n) for _ in range(3))
         self.normal, self.slip_force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # -, t [N], m/s
@@ -154,7 +154,7 @@ class Contacts(Term):
     def check(self) -> None:
         """Raise CapacityError where a contact of the step found no room."""
         if self.left_out[None]:
-            raise CapacityError(f"{self.left_out[None]} contacts of grains do not fit into lists of {self.most}")
+            raise CapacityError(f"a grain has more contacts than its list of {self.most} holds")
 
     # ---- at a contact ----------------------------------------------------------------------------------------------
     @ti.func
