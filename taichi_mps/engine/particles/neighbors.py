@@ -11,7 +11,7 @@ NEARLY_FULL = 0.8  # of the room for pairs: in one step their number does not gr
 
 
 class CapacityError(RuntimeError):
-    """Error of a neighbour list that is full; the message names the number of pairs that was needed.
+    """Error of a list that is full, of neighbours or of the contacts of a grain; the message says what did not fit.
 
     Examples
     --------

@@ -58,7 +58,7 @@ class ImplicitScheme(Scheme):
         continues = not (self.assembles_again or walls.have_friction or scene.grains)
 
         self.rigid = NoOp("drift", "find", "project", "keep")
-        self.contacts = NoOp("find", "load", "update", "add_loads", "load_state", state=dict)
+        self.contacts = NoOp("find", "check", "load", "update", "add_loads", "load_state", state=dict)
         if scene.grains:
             self.rigid = self.term(Rigid, problem=problem)
             self.contacts = self.term(Contacts, grains=scene.grains)
@@ -144,6 +144,7 @@ class ImplicitScheme(Scheme):
         self.rigid.drift(0.5 * dt)
         self.first = False
         report = self.diagnostics.report(dt, iterations, self.active_set.left_out)
+        self.contacts.check()
         self.active_set.end_step(dt)
         return report
 

@@ -217,7 +217,8 @@ class Simulation:
                 self._diverge(where, DomainError)
             self._diverge(f"{error}; {self.scheme.REMEDY}")  # no number, or faster than what fell or was thrown
         except CapacityError as error:
-            if start is None:  # a quarter more pairs in one step: particles that clump
+            fits = self.neighbors.pairs[None] <= self.neighbors.pair_capacity  # then another list is full
+            if start is None or fits:  # a quarter more pairs in one step: particles that clump
                 self._diverge(f"{error}; {self.scheme.REMEDY}")
             self._pairs_per_particle *= 2.0
             self._build()

@@ -6,11 +6,13 @@ At a contact with the normal n from the other, and the velocity v of the grain r
 
 and in the matrix of the step r n n^T where it presses, r (I - n n^T) where it sticks. A grain keeps the list of its own
 contacts, so one between two grains is in both lists, with opposite forces, and each grain sums its own. Pairs are found
-in the lists of neighbours of its particles; on a wall the point nearest to each of them, so each bar is a contact.
+in the lists of neighbours of its particles; on a wall the point nearest to each of them, so each bar is a contact. A
+list that is full ends the run.
 """
 
 import numpy as np
 
+from ..particles.neighbors import CapacityError
 from ..runtime.backend import double_field, ti
 from ..runtime.field_io import FieldIO
 from ..runtime.stages import stage
@@ -41,6 +43,7 @@ class Contacts(Term):
         self.most = most_contacts(rigid.radii, len(self.walls.surfaces))  # room of each grain
         n = rigid.count * self.most
         self.number = ti.field(ti.i32, rigid.count)
+        self.left_out = ti.field(ti.i32, ())  # times in the step that a contact found no room
         # partner: a grain, or -1 - k of wall k; whether it presses, and sticks
         self.partner, self.presses, self.sticks = (ti.field(ti.i32, n) for _ in range(3))
         self.normal, self.slip_force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # -, t [N], m/s
@@ -59,7 +62,7 @@ class Contacts(Term):
     def find(self, dt: float):
         """Find the contacts at the present places; those of the step before go on with their forces."""
         for _ in range(1):
-            self.step[None] = dt
+            self.step[None], self.left_out[None] = dt, 0
         for c in range(self.rigid.count * self.most):
             for kept, old in ti.static(self.kept):
                 old[c] = kept[c]
@@ -139,6 +142,8 @@ class Contacts(Term):
                     self.sticks[c] = self.old_sticks[b]
             self.presses[c] = ti.cast(self.force[c] > 0.0 or gap < 0.0, ti.i32)
             self.sticks[c] *= self.presses[c]
+        else:
+            self.left_out[None] += 1
 
     @ti.func
     def penalty(self, g):
@@ -147,6 +152,11 @@ class Contacts(Term):
         drag = 6.0 * np.pi * self.constants.eta[0] * (a if d == 3 else 1.0)
         held = YIELD_STIFFNESS * self.constants.tau_y[0] * (a * a if d == 3 else a)
         return STIFFNESS * (self.rigid.mass[g] / self.step[None] + drag + held)
+
+    def check(self) -> None:
+        """Raise CapacityError where a contact of the step found no room."""
+        if self.left_out[None]:
+            raise CapacityError(f"a grain has more contacts than its list of {self.most} holds")
 
     # ---- at a contact ----------------------------------------------------------------------------------------------
     @ti.func

@@ -9,7 +9,10 @@ a grain have one mass, so the same sums make its motion of velocities and its fo
 moment of inertia is not that of its particles as points: the difference, times the rotation, is added.
 
 A particle of a grain that sees no mortar carries neither stress nor pressure: its gradient is taken out. At the surface
-a gradient sees both sides, but all strain is that of the mortar, whose fraction along the normal is f (G4).
+a gradient sees both sides, but all strain is that of the mortar, whose fraction along the normal is f. The mortar that
+it sees lies farther from the grain than the particle, whose stress is wanted, and there the shear rate is less: f is
+divided by what it falls around a sphere that turns, (r_c/r_i)^d, r_c and r_i the distances of the middle of that mortar
+and of the particle from the centre (G4).
 """
 
 import numpy as np
@@ -132,6 +135,14 @@ class Rigid(Term):
             self.rate[g] = self.inverse[g] @ moment
         wait()
 
+    @ti.func
+    def fall(self, g, i, offset):
+        """By which factor the shear rate around grain g falls from particle i to the place ``offset`` [m] from it,
+        where a fluid carries the couple of a turning grain outward: as 1/r^d."""
+        centre, half = self.in_scene(self.centre[g]), 0.5 * self.gradient.spacing
+        r = ti.cast(self.neighbors.bins.displacement(centre, self.particles.x[i]), float)
+        return (ti.max(half, (r + offset).norm()) / ti.max(half, r.norm())) ** self.dimension
+
     # ---- stages ------------------------------------------------------------------------------------------------
     @stage("grains")
     def project(self, v: ti.template()):
@@ -170,26 +181,32 @@ class Rigid(Term):
             slot, own, masked = self.particles.slot[i], self.grain(i), ti.cast(self.particles.slot[i] > 0, ti.i32)
             if slot > 0:
                 self.row[slot - 1] = i
-            m = ti.Vector.zero(float, self.dimension)
+            m, core, nearest = ti.Vector.zero(float, self.dimension), own, ti.cast(0.0, float)
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-                other = self.grain(self.neighbors.column[k])
-                if other != own and self.gradient.weight_r2[k] > 0.0:
+                other, weight = self.grain(self.neighbors.column[k]), self.gradient.weight_r2[k]
+                if other != own and weight > 0.0:
                     m += self.gradient.b[k]
+                    if own < 0 and weight > nearest:
+                        core, nearest = other, weight
                 if other < 0:
                     masked = 0
             self.masked[i], self.mortar_fraction[i] = masked, 1.0
             n = m / ti.max(m.norm(), 1e-20)
             v, of_others = self.gradient.B[i] @ n, ti.cast(0.0, float)
+            middle = ti.Vector.zero(float, self.dimension)  # of the part of the others, times it [m]
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 other = self.grain(self.neighbors.column[k])
                 if other != own and self.gradient.weight_r2[k] > 0.0:
-                    b = self.gradient.b[k]
-                    part = 0.5 * v.dot(b) * n.dot(b) / self.gradient.weight_r2[k]
-                    of_others += part * (2.0 if own >= 0 and other >= 0 else 1.0)  # between two grains all is mortar
+                    b, between = self.gradient.b[k], own >= 0 and other >= 0  # two grains: all is mortar
+                    part = v.dot(b) * n.dot(b) / self.gradient.weight_r2[k] * (1.0 if between else 0.5)
+                    of_others += part
+                    middle += part * (0.5 if between else 0.75) * b / self.gradient.weight_r2[k]
             if masked == 0 and of_others > 0.0:
                 fraction = of_others if own >= 0 else 1.0 - of_others
                 lowest = ti.static(MIN_MORTAR_FRACTION if self.yields else MIN_VISCOUS_MORTAR_FRACTION)
-                self.mortar_fraction[i] = ti.max(lowest, ti.min(1.0, fraction))
+                # of the mortar that i sees
+                centre = middle / ti.max(MIN_MORTAR_FRACTION, fraction) * (1.0 if own >= 0 else -1.0)
+                self.mortar_fraction[i] = ti.max(lowest, ti.min(1.0, fraction)) / self.fall(core, i, centre)
         for i in range(self.particles.count[None]):
             if self.masked[i] == 1:
                 self.gradient.B[i] *= 0.0
