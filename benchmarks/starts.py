@@ -74,7 +74,58 @@ def measure(particles: int) -> dict:
     names = sum(look, noted())
     iteration = [int(number) for number in np.median(looks, axis=0)]
     found = {"particles": len(sim.scene.fluid), "grids": sim.scheme.velocity.solver.M.grids, "iteration": iteration}
-    return found | {"step": len(names), "iterations": report.solver_iterations}
+    return found | {"step": len(names), "iterations": report.solver_iterations, "bytes": traffic(sim.scheme)}
+
+
+# ---- bytes ----------------------------------------------------------------------------------------------------------
+# part; what it goes through; how often; fields of a pass that are read or written in order; those picked from others
+LOOPS = [
+    ("product", "particle", 1, "x motion", ""),
+    ("product", "particle", 1, "motion difference_sums B mu h position x flux", ""),
+    ("product", "pair", 1, "column b pair_drag", "motion"),
+    ("product", "particle", 1, "flux flux_sums position x r inertia h", ""),
+    ("product", "pair", 1, "column b", "flux"),
+    ("vectors", "particle", 13, "x", ""),  # p q; p x x q r r; r z; z p p
+    ("preconditioner", "particle", 1, "corner_weights r r inverse_diagonal corner_weights x", ""),
+    ("preconditioner", "cell", 1, "corner_sums", ""),
+    ("preconditioner", "node", 1, "defect defect inverse z", "corner_sums"),
+    ("preconditioner", "row", 6, "inverse x z z z", ""),  # sweeps and defects; of restriction and the way back the rest
+    ("preconditioner", "stencil point", 6, "stencil_column stencil", "z"),
+    ("preconditioner", "stencil point", 1, "stencil_column", "defect"),
+    ("gradient, once a step", "particle", 1, "position B n n n surface_normal kind", ""),
+    ("gradient, once a step", "pair", 1, "column b pair_drag", "position kind"),
+]
+PICKED = "pair", "stencil point"  # of which neighbouring threads read what lies apart
+SECTOR = 32  # bytes that a GPU's memory hands over at least
+
+
+def traffic(scheme) -> dict[str, list[float]]:
+    """Bytes a particle that each part moves: all once; with each pick from memory; in whole sectors for each access."""
+    from taichi_mps.engine.runtime.backend import ti
+
+    M, fluid = scheme.velocity.solver.M, scheme.fluid
+    owners = M, scheme.operator, scheme.sums, fluid.gradient, scheme.resistance, scheme.stress, fluid.particles
+    fields = {name: field for owner in reversed(owners) for name, field in vars(owner).items()}
+    fields |= {"position": fluid.particles.x, "column": fluid.neighbors.column, "stencil_column": M.column}
+    fields |= {name: getattr(scheme.velocity.solver, name) for name in "xr"}
+    n, active = fluid.particles.count[None], M.active_count.to_numpy()
+    items = {"particle": n, "pair": fluid.neighbors.row_start[n], "cell": M.filled_count[None], "node": active[0]}
+    items |= {"row": active[1:].sum(), "stencil point": M.stencil_points * active[1:].sum()}
+
+    def sizes(names):
+        found = [fields[name] for name in names.split()]
+        return [
+            np.dtype(ti.lang.util.to_numpy_type(f.dtype)).itemsize * getattr(f, "n", 1) * getattr(f, "m", 1)
+            for f in found
+        ]
+
+    found = {"pairs": [items["pair"] / n]}
+    for part, item, times, in_order, picked in LOOPS:
+        each, others = sizes(in_order), sizes(picked)
+        apart = [-(-size // SECTOR) * SECTOR if item in PICKED else size for size in each + others]
+        moved = [times * items[item] / n * sum(bytes) for bytes in (each, each + others, apart)]
+        found[part] = [float(a + b) for a, b in zip(found.get(part, (0, 0, 0)), moved, strict=True)]
+    return found
 
 
 def main() -> None:

@@ -5,15 +5,14 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.linear.node_multigrid import NodeMultigrid
-from taichi_mps.engine.runtime.backend import session, ti
+from taichi_mps.engine.runtime.backend import ti
 from taichi_mps.engine.runtime.sums import CHUNK, running_sums
+from tests.support.devices import as_gpu
 
 
 @pytest.fixture
 def gpu(monkeypatch):
-    """The code of a GPU, compiled for the processor."""
-    mps.init(precision="f64")
-    monkeypatch.setitem(session().settings, "arch", "cuda")
+    as_gpu(monkeypatch)
 
 
 @pytest.mark.parametrize("n", [0, 1, CHUNK - 1, CHUNK, CHUNK + 1, 3 * CHUNK - 1, 3 * CHUNK, 3 * CHUNK + 7])
@@ -33,10 +32,10 @@ def test_running_sums_in_chunks_are_those_of_numpy(gpu, n):
 @pytest.mark.slow
 def test_a_step_with_multigrid_is_that_of_the_processor(monkeypatch):
     monkeypatch.setattr(NodeMultigrid, "MIN_ROWS", 0)
+    monkeypatch.setattr(NodeMultigrid, "SMALL_ROWS", 100)  # some grids by all threads of a GPU, others by one block
     reports = []
-    for arch in ("cpu", "cuda"):
-        mps.init(precision="f64")
-        monkeypatch.setitem(session().settings, "arch", arch)
+    for start in (lambda _: mps.init(precision="f64"), as_gpu):
+        start(monkeypatch)
         sim = mps.Simulation(mps.slump_cone(yield_value=500.0, spacing=0.0119))  # more rows than one thread works at
         for _ in range(3):
             report = sim.step()

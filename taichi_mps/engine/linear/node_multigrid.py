@@ -67,8 +67,12 @@ class NodeMultigrid(NodeOperators):
 
     @for_kernels
     def has_levels(self):
-        """Whether the levels are used, which Python knows without a look at the field."""
-        return self.uses_levels[None] == 1 if compiled_now() else self.built
+        """Whether the levels are used: for kernels the field, which Python need not read."""
+        return self._has_levels() if compiled_now() else self.built
+
+    @ti.func
+    def _has_levels(self):
+        return self.uses_levels[None] == 1
 
     @sequence("cycle")
     def apply(self, r, z):

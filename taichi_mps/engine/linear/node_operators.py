@@ -63,7 +63,7 @@ class NodeOperators:
         ]
         start = np.cumsum([0, 0, *row_capacity])
         # the first grid that a block of threads of a GPU computes alone, with all that are coarser
-        self.first_small = 1 if self.serial else 1 + sum(rows > self.SMALL_ROWS for rows in row_capacity)
+        self.first_small = 1 + sum(bool(rows > self.SMALL_ROWS) for rows in row_capacity if not self.serial)
         self.rows = max(1, int(start[-1]))
         # for each grid its first node, its first row, and 1 over the product of its ratio
         self.first_node, self.first_row, self.inverse_ratio = constant_fields(first, start, 1.0 / ratios.prod(1))

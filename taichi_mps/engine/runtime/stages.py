@@ -32,7 +32,7 @@ from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
 from .thread_team import Block, Lanes, ThreadTeam, enter
-from .workarounds import less_optimised
+from .workarounds import graph_kernel, less_optimised
 
 OPTIMISED_FROM_ROWS = 1000
 """Number of rows from which on a fused kernel is optimised by the language, too: up to a fifth more to compile, once,
@@ -70,7 +70,7 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
     """Make a kernel of calls in order: executed by a team, for ``whole`` rows; ``whole`` times by one thread if
     ``alone``; else by all threads."""
 
-    @ti.kernel
+    @graph_kernel
     def run(whole: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
         numbers = ti.static((a, b, c, d, e, f, g, h))  # a vector as argument takes 0.1 ms more to launch
         if ti.static(bool(team)):
@@ -179,7 +179,10 @@ class Execution:
                 slots.append(slot)
             if len(known) > MAX_NUMBERS:
                 break
-            objects = [id(argument) if slot is None else slot for argument, slot in zip(arguments, slots, strict=True)]
+            objects = [
+                slot if slot is not None else repr(argument) if type(argument) in (int, float) else id(argument)
+                for argument, slot in zip(arguments, slots, strict=True)
+            ]
             key, numbers = (*key, id(stage), *objects), known
             made.append((stage, arguments, slots))
         left = calls[len(made) :]
