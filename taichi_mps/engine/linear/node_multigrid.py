@@ -41,6 +41,7 @@ class NodeMultigrid(NodeOperators):
         super().__init__(operator, bins)
         self.jacobi = Jacobi(operator)  # for fewer than MIN_ROWS rows
         self.uses_levels = ti.field(ti.i32, ())  # 1 if there are MIN_ROWS rows or more
+        self.built = False  # the same, for Python
         d = self.dimension
         self.weight = 2.0 / 2**d  # w, of grid 0
         most = min(bins.cells, bins.particles.capacity)  # largest number of cells that hold particles
