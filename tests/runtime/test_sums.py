@@ -54,6 +54,7 @@ class Rows:
 @pytest.mark.parametrize("rows", [0, 1, 7, 8, 9, 100])
 def test_threads_of_a_gpu_take_each_row_once_and_are_started_once_a_loop(monkeypatch, rows):
     monkeypatch.setenv("TI_KERNEL_PROFILER", "1")
+    monkeypatch.setenv("QD_KERNEL_PROFILER", "1")
     as_gpu(monkeypatch)
     numbers, profiler = Rows(rows), ti.profiler.kernel_profiler.get_default_kernel_profiler()
     ti.profiler.clear_kernel_profiler_info()
