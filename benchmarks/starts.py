@@ -47,8 +47,8 @@ def measure(particles: int) -> tuple:
     session().settings["arch"] = "cuda"  # from now on what is compiled is a GPU's code
     taichi.simt.block.sync = for_kernels(lambda: None)
     getattr(thread_team, "Block", thread_team).in_a_block = 1  # an older checkout has none
-    spacing = (mps.Cone(0.1, 0.05, 0.3).volume / particles) ** (1 / 3)
-    sim = mps.Simulation(mps.slump_cone(yield_value=300.0, spacing=spacing))
+    volume_of_one = mps.Cone(0.1, 0.05, 0.3).volume / particles
+    sim = mps.Simulation(mps.slump_cone(yield_value=300.0, spacing=volume_of_one ** (1 / 3)))
     sim.step()
     looks, unfinished = [], PCG.unfinished
 
