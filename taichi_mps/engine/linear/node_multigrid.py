@@ -174,7 +174,7 @@ class NodeMultigrid(NodeOperators):
         wait()
 
     @loop_stage("restrict")
-    def restrict(self, grid: ti.template()):
+    def restrict(self, grid: ti.i32):
         """Restrict the defect of the finer grid to b of a grid, and set x after the first sweep from zero."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):
             node = self.active_nodes[self.first_node[grid] + m]
@@ -207,7 +207,7 @@ class NodeMultigrid(NodeOperators):
         return residual
 
     @loop_stage("sweep")
-    def sweep(self, grid: ti.template(), k: ti.template(), at: ti.template()):
+    def sweep(self, grid: ti.i32, k: ti.i32, at: ti.i32):
         """Do step k of the Chebyshev iteration, from z[at] and the value before, which the result replaces."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):
             node = self.active_nodes[self.first_node[grid] + m]
@@ -219,14 +219,14 @@ class NodeMultigrid(NodeOperators):
         wait()
 
     @loop_stage("leave")
-    def store_defect(self, grid: ti.template()):
+    def store_defect(self, grid: ti.i32):
         """Store the defect b - A x of a grid, for the next coarser one."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):
             self.defect[self.active_nodes[self.first_node[grid] + m]] = self.residual(grid, m, 0)
         wait()
 
     @loop_stage("prolong")
-    def prolong(self, grid: ti.template()):
+    def prolong(self, grid: ti.i32):
         """Add the correction of the next coarser grid."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):
             node = self.active_nodes[self.first_node[grid] + m]

@@ -172,7 +172,8 @@ class Execution:
             known, slots = list(numbers), []
             for argument, kind in zip(arguments, stage.kinds, strict=True):
                 slot = None
-                if kind is not None and argument is not ITERATION:
+                constant = stage.kind == "loop" and type(argument) is int  # such as that of a grid
+                if kind is not None and argument is not ITERATION and not constant:
                     same = (k for k, number in enumerate(known) if number is argument and type(number) is float)
                     slot = next(same, len(known))
                     known += [argument] if slot == len(known) else []
