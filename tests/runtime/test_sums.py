@@ -1,19 +1,20 @@
-"""Sums over rows by the algorithm for GPUs, run on the processor, against those of NumPy and of the processor."""
+"""Sums and loops over rows as a GPU does them, run on the processor, against NumPy, the processor and a count."""
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.linear.node_multigrid import NodeMultigrid
-from taichi_mps.engine.runtime.backend import session, ti
+from taichi_mps.engine.runtime.backend import ti
+from taichi_mps.engine.runtime.stages import Execution, block_stage, loop_stage
 from taichi_mps.engine.runtime.sums import CHUNK, running_sums
+from taichi_mps.engine.runtime.thread_team import first, last, wait
+from tests.support.devices import as_gpu
 
 
 @pytest.fixture
 def gpu(monkeypatch):
-    """The code of a GPU, compiled for the processor."""
-    mps.init(precision="f64")
-    monkeypatch.setitem(session().settings, "arch", "cuda")
+    as_gpu(monkeypatch)
 
 
 @pytest.mark.parametrize("n", [0, 1, CHUNK - 1, CHUNK, CHUNK + 1, 3 * CHUNK - 1, 3 * CHUNK, 3 * CHUNK + 7])
@@ -30,13 +31,51 @@ def test_running_sums_in_chunks_are_those_of_numpy(gpu, n):
     assert np.array_equal(field.to_numpy(), [*np.cumsum(counts[: n + 1]), counts[n + 1]])
 
 
+@ti.data_oriented
+class Rows:
+    """Numbers x of rows, as many as a field tells."""
+
+    def __init__(self, rows: int):
+        self.rows, self.x = ti.field(ti.i32, ()), ti.field(ti.i32, 100)
+        self.rows[None] = rows
+
+    @loop_stage("add")
+    def add(self, amount: ti.template()):
+        for i in range(first(self.rows[None]), last(self.rows[None])):
+            self.x[i] += amount
+        wait()
+
+    @block_stage("add twice")
+    def add_twice(self):
+        for amount in range(100, 102):
+            self.add(amount)
+
+
+@pytest.mark.parametrize("rows", [0, 1, 7, 8, 9, 100])
+def test_threads_of_a_gpu_take_each_row_once_and_are_started_once_a_loop(monkeypatch, rows):
+    monkeypatch.setenv("TI_KERNEL_PROFILER", "1")
+    monkeypatch.setenv("QD_KERNEL_PROFILER", "1")
+    as_gpu(monkeypatch)
+    numbers, profiler = Rows(rows), ti.profiler.kernel_profiler.get_default_kernel_profiler()
+    ti.profiler.clear_kernel_profiler_info()
+    with Execution(rows=8).active():
+        numbers.add(1)
+        numbers.add_twice()
+        numbers.add(10)
+    profiler._update_records()
+    assert [record.name.split("kernel_")[-1] for record in profiler._traced_records] == [
+        f"{k}_range_for" for k in range(3)
+    ]  # one kernel, and no thread before a loop to read its length
+    assert numbers.x.to_numpy().tolist() == [1 + 100 + 101 + 10] * rows + [0] * (100 - rows)
+
+
 @pytest.mark.slow
 def test_a_step_with_multigrid_is_that_of_the_processor(monkeypatch):
     monkeypatch.setattr(NodeMultigrid, "MIN_ROWS", 0)
+    monkeypatch.setattr(NodeMultigrid, "SMALL_ROWS", 100)  # some grids by all threads of a GPU, others by one block
     reports = []
-    for arch in ("cpu", "cuda"):
-        mps.init(precision="f64")
-        monkeypatch.setitem(session().settings, "arch", arch)
+    for start in (lambda _: mps.init(precision="f64"), as_gpu):
+        start(monkeypatch)
         sim = mps.Simulation(mps.slump_cone(yield_value=500.0, spacing=0.0119))  # more rows than one thread works at
         for _ in range(3):
             report = sim.step()

@@ -5,8 +5,8 @@ is added); Adams, Brezina, Hu and Tuminaro, Parallel multigrid smoothing: polyno
 Computational Physics 188 (2003), 593-610 (Chebyshev smoothing).
 """
 
-from ..runtime.backend import real, ti
-from ..runtime.stages import flush, sequence, stage
+from ..runtime.backend import compiled_now, for_kernels, real, ti
+from ..runtime.stages import block_stage, flush, loop_stage, sequence
 from ..runtime.thread_team import first, last, wait
 from .node_operators import NodeOperators
 from .vectors import Jacobi
@@ -41,6 +41,7 @@ class NodeMultigrid(NodeOperators):
         super().__init__(operator, bins)
         self.jacobi = Jacobi(operator)  # for fewer than MIN_ROWS rows
         self.uses_levels = ti.field(ti.i32, ())  # 1 if there are MIN_ROWS rows or more
+        self.built = False  # the same, for Python
         d = self.dimension
         self.weight = 2.0 / 2**d  # w, of grid 0
         most = min(bins.cells, bins.particles.capacity)  # largest number of cells that hold particles
@@ -60,15 +61,24 @@ class NodeMultigrid(NodeOperators):
     def build(self) -> None:
         """Build the levels for the present operator if it has MIN_ROWS rows or more."""
         flush()
-        self.uses_levels[None] = int(self.operator.count[None] >= self.MIN_ROWS)
-        if self.uses_levels[None]:
+        self.built = bool(self.operator.count[None] >= self.MIN_ROWS)
+        self.uses_levels[None] = int(self.built)
+        if self.built:
             self.build_levels()
+
+    @for_kernels
+    def has_levels(self):
+        """Whether the levels are used: for kernels the field, which Python need not read."""
+        return self._has_levels() if compiled_now() else self.built
+
+    @ti.func
+    def _has_levels(self):
+        return self.uses_levels[None] == 1
 
     @sequence("cycle")
     def apply(self, r, z):
         """z = M^-1 r."""
-        flush()
-        if self.uses_levels[None] == 1:
+        if self.has_levels():
             self.cycle(r, z)
         else:
             self.jacobi.apply(r, z)
@@ -78,20 +88,39 @@ class NodeMultigrid(NodeOperators):
         """z = M^-1 r by one cycle."""
         self.restrict_to_corners(r)
         self.sum_corners()
-        for grid in range(1, self.grids):  # down: the defect of the finer grid, smoothed from zero
+        if ti.static(self.first_small > 1):
+            self.descend(1, self.first_small)
+        self.cycle_small()
+        if ti.static(self.first_small > 1):
+            self.ascend(1, self.first_small)
+        self.correct_nodes()
+        self.correct_particles(r, z)
+
+    @block_stage("cycle")
+    def cycle_small(self):
+        """Go down and up through the small grids."""
+        self.descend(self.first_small, self.grids)
+        self.ascend(self.first_small, self.grids)
+
+    @sequence("down")
+    def descend(self, begin: ti.template(), end: ti.template()):
+        """Go down from grid to grid, each with the defect of the finer one, smoothed from zero."""
+        for grid in range(begin, end):
             self.restrict(grid)
             for k in range(1, CHEBYSHEV_DEGREE):
                 self.sweep(grid, k, (k + 1) % 2)
             self.store_defect(grid)
-        for up in range(1, self.grids):
-            grid = self.grids - up
+
+    @sequence("up")
+    def ascend(self, begin: ti.template(), end: ti.template()):
+        """Go up from grid to grid, each with the correction of the coarser one."""
+        for up in range(begin, end):
+            grid = begin + end - 1 - up
             self.prolong(grid)
             for k in range(LAST_GRID_CYCLES * CHEBYSHEV_DEGREE if grid == self.grids - 1 else CHEBYSHEV_DEGREE):
                 self.sweep(grid, k % CHEBYSHEV_DEGREE, k % 2)
-        self.correct_nodes()
-        self.correct_particles(r, z)
 
-    @stage("collect")
+    @loop_stage("collect")
     def restrict_to_corners(self, r: ti.template()):
         """Restrict the residual r of the particles to the corners of the cells that hold them."""
         for c in range(first(self.filled_count[None]), last(self.filled_count[None])):
@@ -103,7 +132,7 @@ class NodeMultigrid(NodeOperators):
             self.corner_sums[c] = sums
         wait()
 
-    @stage("gather")
+    @loop_stage("gather")
     def sum_corners(self):
         """Sum the corner values of the cells around each node of grid 0."""
         for m in range(first(self.active_count[0]), last(self.active_count[0])):
@@ -118,7 +147,7 @@ class NodeMultigrid(NodeOperators):
             self.defect[node] = b
         wait()
 
-    @stage("correct finest")
+    @loop_stage("correct finest")
     def correct_nodes(self):
         """Compute the correction at the nodes of grid 0: w D_0^-1, and the interpolated correction of grid 1."""
         for m in range(first(self.active_count[0]), last(self.active_count[0])):
@@ -126,7 +155,7 @@ class NodeMultigrid(NodeOperators):
             self.z[1, node] = self.weight * self.inverse[node] @ self.defect[node] + self.coarse_correction(m, 0)
         wait()
 
-    @stage("correct")
+    @loop_stage("correct")
     def correct_particles(self, r: ti.template(), z: ti.template()):
         """Compute z of the particles: Jacobi, and the interpolated correction of grid 0."""
         for c in range(first(self.filled_count[None]), last(self.filled_count[None])):
@@ -144,7 +173,7 @@ class NodeMultigrid(NodeOperators):
                 z[i] = D @ r[i] + (correction if ti.abs(D).sum() > 0 else 0.0 * correction)
         wait()
 
-    @stage("restrict")
+    @loop_stage("restrict")
     def restrict(self, grid: ti.i32):
         """Restrict the defect of the finer grid to b of a grid, and set x after the first sweep from zero."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):
@@ -177,7 +206,7 @@ class NodeMultigrid(NodeOperators):
             residual[a] -= total[a]
         return residual
 
-    @stage("sweep")
+    @loop_stage("sweep")
     def sweep(self, grid: ti.i32, k: ti.i32, at: ti.i32):
         """Do step k of the Chebyshev iteration, from z[at] and the value before, which the result replaces."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):
@@ -189,14 +218,14 @@ class NodeMultigrid(NodeOperators):
             self.z[1 - at, node] = x + change
         wait()
 
-    @stage("leave")
+    @loop_stage("leave")
     def store_defect(self, grid: ti.i32):
         """Store the defect b - A x of a grid, for the next coarser one."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):
             self.defect[self.active_nodes[self.first_node[grid] + m]] = self.residual(grid, m, 0)
         wait()
 
-    @stage("prolong")
+    @loop_stage("prolong")
     def prolong(self, grid: ti.i32):
         """Add the correction of the next coarser grid."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):

@@ -34,6 +34,7 @@ class NodeOperators:
     """
 
     MIN_GRID_ROWS = 1000  # least number of rows of a grid
+    SMALL_ROWS = 8192  # rows of a grid, a tenth of which concrete takes, up to which one block of threads is enough
 
     def __init__(self, operator, bins):
         self.operator, self.bins = operator, bins
@@ -61,6 +62,8 @@ class NodeOperators:
             for k, n in enumerate(np.diff(first)[1:])
         ]
         start = np.cumsum([0, 0, *row_capacity])
+        # the first grid that a block of threads of a GPU computes alone, with all that are coarser
+        self.first_small = 1 + sum(bool(rows > self.SMALL_ROWS) for rows in row_capacity if not self.serial)
         self.rows = max(1, int(start[-1]))
         # for each grid its first node, its first row, and 1 over the product of its ratio
         self.first_node, self.first_row, self.inverse_ratio = constant_fields(first, start, 1.0 / ratios.prod(1))

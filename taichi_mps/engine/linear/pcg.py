@@ -9,7 +9,7 @@ iterative solution of Ax = b with successive right-hand sides, Computer Methods 
 """
 
 from ..runtime.backend import double_field, ti
-from ..runtime.stages import flush, sequence, stage, team_stage
+from ..runtime.stages import flush, loop_stage, sequence, stage, team_stage
 from ..runtime.thread_team import barrier, begins, first, last, leads, takes_part, wait
 from .vectors import Jacobi, Vectors
 
@@ -46,6 +46,7 @@ class PCG:
         self.reference, self.target = double_field(), double_field()  # values of (r, z), see set_target
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
+        self.left = ti.field(ti.i32, ())  # iterations that may still follow
 
     # ---- the solve ------------------------------------------------------------------------------------------
     @team_stage("guess")
@@ -90,10 +91,10 @@ class PCG:
     def iterate(self, limit: ti.i32, tolerance: ti.f64, min_reduction: ti.f64, max_reduction: ti.f64):
         """Run Saad's algorithm 9.1 from line 2 on; a thread that joins late continues with the iterations."""
         if begins():
-            self.set_target(tolerance, min_reduction, max_reduction)
+            self.set_target(limit, tolerance, min_reduction, max_reduction)
             self.vectors.copy(self.z, self.p)
             barrier()
-        while takes_part() and self.unfinished(limit):
+        while takes_part() and self.unfinished():
             self.A.multiply(self.p, self.q)
             self.vectors.dot(self.p, self.q, self.pq)
             self.compute_alpha()
@@ -105,10 +106,10 @@ class PCG:
             barrier()
 
     @ti.pyfunc
-    def unfinished(self, limit):
+    def unfinished(self):
         """Whether another iteration is wanted."""
         flush()
-        return self.status[None] == RUNNING and self.iterations[None] < limit
+        return self.left[None] > 0
 
     @stage("find alpha")
     def compute_alpha(self):
@@ -126,11 +127,13 @@ class PCG:
     @stage("find beta")
     def compute_beta(self):
         """beta = (r, z) new/old; the end of an iteration."""
-        if leads() and self.status[None] == RUNNING:
-            self.iterations[None] += 1
-            self.beta[None] = self.rz_new[None] / self.rz[None]
-            self.rz[None] = self.rz_new[None]
-            self.check_convergence()
+        if leads():
+            if self.status[None] == RUNNING:
+                self.iterations[None] += 1
+                self.beta[None] = self.rz_new[None] / self.rz[None]
+                self.rz[None] = self.rz_new[None]
+                self.check_convergence()
+            self.left[None] = self.left[None] - 1 if self.status[None] == RUNNING else 0
         wait()
 
     # ---- initial residual -----------------------------------------------------------------------------------
@@ -153,7 +156,7 @@ class PCG:
         self.M.apply(self.r, self.z)
         self.vectors.dot(self.r, self.z, self.rz)
 
-    @stage("right-hand side")
+    @loop_stage("right-hand side")
     def copy_right_hand_side(self):
         """Set the residual to the right-hand side: r = b."""
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
@@ -182,7 +185,7 @@ class PCG:
         self.compute_best_step()
         self.vectors.axpy(self.alpha, self.p, self.x, self.q, self.r)
 
-    @stage("change")
+    @loop_stage("change")
     def last_change(self):
         """Set p to the last change of x, and q = A p, and store x and r at which the solve begins."""
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
@@ -203,7 +206,7 @@ class PCG:
 
     # ---- stopping criterion ---------------------------------------------------------------------------------
     @stage("set target")
-    def set_target(self, tolerance: ti.f64, min_reduction: ti.f64, max_reduction: ti.f64):
+    def set_target(self, limit: ti.i32, tolerance: ti.f64, min_reduction: ti.f64, max_reduction: ti.f64):
         """Set the value of (r, z) at which the solve ends."""
         if leads():
             self.status[None], self.iterations[None] = RUNNING, 0
@@ -215,6 +218,7 @@ class PCG:
                 ti.min(tolerance * tolerance * norm, least), max_reduction * max_reduction * start
             )
             self.check_convergence()
+            self.left[None] = limit if self.status[None] == RUNNING else 0
         wait()
 
     @ti.func

@@ -2,7 +2,7 @@
 rows (CSR); the Jacobi preconditioner."""
 
 from ..runtime.backend import double_field, real, ti
-from ..runtime.stages import stage
+from ..runtime.stages import loop_stage, stage
 from ..runtime.sums import GPU_LANES, lanes
 from ..runtime.thread_team import first, last, leads, wait
 
@@ -50,7 +50,7 @@ class Vectors:
                     s += ti.cast(a[lane + k * GPU_LANES].dot(b[lane + k * GPU_LANES]), ti.f64)
                 out[None] += s
 
-    @stage("axpy")
+    @loop_stage("axpy")
     def axpy(self, alpha: ti.template(), p: ti.template(), x: ti.template(), q: ti.template(), r: ti.template()):
         """x <- x + alpha p and r <- r - alpha q; no change if alpha is 0, even where p or q are not finite."""
         n = self.count[None] if alpha[None] != 0.0 else 0
@@ -60,14 +60,14 @@ class Vectors:
             r[i] -= step * q[i]
         wait()
 
-    @stage("xpby")
+    @loop_stage("xpby")
     def xpby(self, z: ti.template(), beta: ti.template(), p: ti.template()):
         """p <- z + beta p."""
         for i in range(first(self.count[None]), last(self.count[None])):
             p[i] = z[i] + ti.cast(beta[None], self.real) * p[i]
         wait()
 
-    @stage("copy")
+    @loop_stage("copy")
     def copy(self, a: ti.template(), b: ti.template()):
         """b <- a."""
         for i in range(first(self.count[None]), last(self.count[None])):
@@ -100,7 +100,7 @@ class SparseMatrix:
         self.diagonal[i] = d
         self.inverse_diagonal[i][0, 0] = ti.select(d > 0, 1 / d, 0)
 
-    @stage("apply")
+    @loop_stage("apply")
     def multiply(self, x: ti.template(), y: ti.template()):
         """y_i = sum_j A_ij x_j."""
         for i in range(first(self.count[None]), last(self.count[None])):
@@ -121,7 +121,7 @@ class Jacobi:
     def build(self) -> None:
         """No-op: the operator keeps its diagonal."""
 
-    @stage("precondition")
+    @loop_stage("precondition")
     def apply(self, r: ti.template(), z: ti.template()):
         """z = D^-1 r."""
         for i in range(first(self.operator.count[None]), last(self.operator.count[None])):

@@ -10,11 +10,17 @@ where they must be woken, to read a number from Python 7: more than the arithmet
                ``@team_stage`` is executed by a team of threads (thread_team.py), on a GPU stage by stage
     timed      each stage by itself
 
+On a GPU each loop is started by itself, and before it one thread is, to read how long it is. A ``@loop_stage`` spares
+that: its loop is divided among as many threads as there are rows. A ``@block_stage`` is started once, with all its
+loops.
+
 A method becomes a stage by a decorator:
 
     @stage("gradient")        kernel code: a kernel, or a part of the kernel that calls it
     @sequence("solve")        calls of stages, with loops and branches, in syntax valid both in Python and in a kernel
     @team_stage("solve")      a sequence for a team: loops from first(n) to last(n), rounds that end with barrier()
+    @loop_stage("sweep")      a stage that is one loop from first(n) to last(n)
+    @block_stage("cycle")     a sequence of small loops from first(n) to last(n), for one block of threads of a GPU
 
 Its numbers are annotated with their types; arguments without annotation are objects.
 """
@@ -25,8 +31,8 @@ import time
 from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
-from .thread_team import ThreadTeam, enter
-from .workarounds import less_optimised
+from .thread_team import Block, Lanes, ThreadTeam, enter
+from .workarounds import graph_kernel, less_optimised
 
 OPTIMISED_FROM_ROWS = 1000
 """Number of rows from which on a fused kernel is optimised by the language, too: up to a fifth more to compile, once,
@@ -48,7 +54,8 @@ def one_thread(rows: int) -> bool:
 class Call:
     """Call of a stage with its objects, as a part of a kernel whose arguments are its numbers."""
 
-    def __init__(self, stage, arguments, slots):
+    def __init__(self, lanes, stage, arguments, slots):
+        self.lanes = lanes.get(stage.kind)  # threads of a GPU that divide its loops among them
         self.stage, self.arguments, self.slots = stage, arguments, slots  # slots: of numbers, None for objects
 
     def __call__(self, iteration, numbers):
@@ -63,7 +70,7 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
     """Make a kernel of calls in order: executed by a team, for ``whole`` rows; ``whole`` times by one thread if
     ``alone``; else by all threads."""
 
-    @ti.kernel
+    @graph_kernel
     def run(whole: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
         numbers = ti.static((a, b, c, d, e, f, g, h))  # a vector as argument takes 0.1 ms more to launch
         if ti.static(bool(team)):
@@ -82,7 +89,14 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
                     call(iteration, numbers)
         else:
             for call in ti.static(calls):
-                call(0, numbers)
+                if ti.static(bool(call.lanes)):
+                    ti.loop_config(block_dim=call.lanes.in_a_block)
+                    for lane in range(call.lanes.size):
+                        enter(call.lanes, lane)
+                        call(0, numbers)
+                else:
+                    enter(None, 0)
+                    call(0, numbers)
 
     return run
 
@@ -93,6 +107,8 @@ class Execution:
     def __init__(self, rows: int, timed: bool = False, team: ThreadTeam | None = None):
         self.rows, self.timed, self._team = rows, timed, team
         self.fuses = started()["arch"] == "cpu" and rows < ONE_THREAD_BELOW_ROWS
+        gpu = {"loop": Lanes(rows)} if started()["arch"] != "cpu" else {}
+        self._lanes = gpu | ({"block": Block()} if started()["arch"] == "cuda" else {})
         self.spent: dict[str, list] = {}  # wall seconds and calls of each stage, or iterations of a solve
         self._kernels: dict = {}  # by the keys of their calls
         self._waiting: list[tuple] = []  # stages and arguments of the next kernel
@@ -114,7 +130,7 @@ class Execution:
         """Launch a stage, or queue it for the next kernel."""
         if self.timed and not self._timing:
             return self._timed_launch(stage, arguments)
-        if not self.timed and (self.fuses or stage.kind == "kernel"):
+        if not self.timed and (self.fuses or stage.kind in ("kernel", "loop", *self._lanes)):
             return self._waiting.append((stage, arguments))
         return stage.launch(self, arguments)
 
@@ -156,21 +172,25 @@ class Execution:
             known, slots = list(numbers), []
             for argument, kind in zip(arguments, stage.kinds, strict=True):
                 slot = None
-                if kind is not None and argument is not ITERATION:
+                constant = stage.kind == "loop" and type(argument) is int  # such as that of a grid
+                if kind is not None and argument is not ITERATION and not constant:
                     same = (k for k, number in enumerate(known) if number is argument and type(number) is float)
                     slot = next(same, len(known))
                     known += [argument] if slot == len(known) else []
                 slots.append(slot)
             if len(known) > MAX_NUMBERS:
                 break
-            objects = [id(argument) if slot is None else slot for argument, slot in zip(arguments, slots, strict=True)]
+            objects = [
+                slot if slot is not None else repr(argument) if type(argument) in (int, float) else id(argument)
+                for argument, slot in zip(arguments, slots, strict=True)
+            ]
             key, numbers = (*key, id(stage), *objects), known
             made.append((stage, arguments, slots))
         left = calls[len(made) :]
         if not made or (left and alone and whole > 1):
             raise ValueError(f"stage {left[0][0].name}: more than {MAX_NUMBERS} numbers for one kernel")
         if key not in self._kernels:
-            self._kernels[key] = kernel_of([Call(*call) for call in made], alone, team)
+            self._kernels[key] = kernel_of([Call(self._lanes, *call) for call in made], alone, team)
         self._kernels[key](whole, *map(float, numbers), *[0.0] * (MAX_NUMBERS - len(numbers)))
         return left
 
@@ -211,7 +231,7 @@ class NoOp:
 
 # ---- decorators -----------------------------------------------------------------------------------------------------
 class Stage:
-    """A method that is a kernel, or a sequence of calls of stages, which a team may execute."""
+    """A method that is a kernel, or a sequence of calls of stages, which a team or a block may execute."""
 
     def __init__(self, kind, name, function):
         self.kind, self.name = kind, name
@@ -221,7 +241,7 @@ class Stage:
         self.kinds = [
             None if kind is inspect.Parameter.empty or isinstance(kind, ti.template) else kind for kind in types
         ]
-        self.part, self.function = ti.func(function), ti.kernel(function) if kind == "kernel" else function
+        self.part, self.function = ti.func(function), ti.kernel(function) if kind in ("kernel", "loop") else function
 
     def launch(self, execution, arguments):
         if execution and self.kind == "team":
@@ -247,4 +267,6 @@ def _decorator(kind, name: str):
     return decorate
 
 
-stage, sequence, team_stage = (functools.partial(_decorator, kind) for kind in ("kernel", "sequence", "team"))
+stage, sequence, team_stage, loop_stage, block_stage = (
+    functools.partial(_decorator, kind) for kind in ("kernel", "sequence", "team", "loop", "block")
+)

@@ -137,14 +137,50 @@ class ThreadTeam:
         ti.atomic_min(self.admitted[None], CLOSED)
 
 
+@ti.data_oriented
+class Lanes:
+    """Threads of a GPU that divide each loop among them: the members of a team of ``size``."""
+
+    in_a_block = 128
+
+    def __init__(self, size: int):
+        self.size = size
+
+    @ti.func
+    def first_iteration(self, lane, n):
+        return ti.min(n, lane * ((n + self.size - 1) // self.size))
+
+    @ti.func
+    def last_iteration(self, lane, n):
+        return self.first_iteration(lane + 1, n)
+
+    @ti.func
+    def barrier(self, _lane, _ends_round: ti.template()):
+        """No-op: the next loop is started after this one."""
+
+
+@ti.data_oriented
+class Block(Lanes):
+    """One block of threads of a GPU, which wait for each other."""
+
+    in_a_block = 1024
+
+    def __init__(self):
+        super().__init__(self.in_a_block)
+
+    @ti.func
+    def barrier(self, _lane, _ends_round: ti.template()):
+        ti.simt.block.sync()
+
+
 # ---- the member whose code is being compiled ------------------------------------------------------------------------
 _compiling = SimpleNamespace(kernel=None, team=None, member=None)
 
 
 @for_kernels
 def enter(team, member):
-    """Compile the rest of the present kernel for a member of a team."""
-    _compiling.kernel, _compiling.team, _compiling.member = compiled_now(), team, member
+    """Compile the rest of the present kernel for a member of a team, or of none."""
+    _compiling.kernel, _compiling.team, _compiling.member = team and compiled_now(), team, member
 
 
 def _of_member(method, alone, *more):

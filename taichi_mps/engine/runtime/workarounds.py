@@ -64,6 +64,10 @@ _MARK, _OWNER = {
 }[LANGUAGE]
 
 
+# decorator of kernels whose loops Quadrants starts together on a GPU, as a graph, when it is called again
+graph_kernel = ti.kernel if LANGUAGE == "taichi" else ti.kernel(graph=True)
+
+
 def for_kernels(function, part=None):
     """Mark a Python object as callable from kernels while they are compiled; ``part``: the ti.func that it wraps, if
     any."""

@@ -189,7 +189,7 @@ class Contacts(Term):
         return ti.select(gap > 0.0, gap, BACK * gap) / self.step[None]
 
     # ---- in the system ---------------------------------------------------------------------------------------------
-    @ti.func
+    @stage("contacts")
     def constrain(self, u: ti.template(), y: ti.template()):
         """y <- P y plus what the rotation of the solid and the contacts add, for the velocity u = P u [N]."""
         self.rigid.find_motions(u)

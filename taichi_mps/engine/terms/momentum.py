@@ -13,7 +13,7 @@ from ..linear.pcg import PCG
 from ..linear.vectors import Jacobi
 from ..particles.particles import FLUID
 from ..runtime.backend import double_field, real, ti
-from ..runtime.stages import flush, no_op, sequence, stage
+from ..runtime.stages import flush, loop_stage, no_op, sequence, stage
 from ..runtime.sums import lanes
 from ..runtime.thread_team import first, last, wait
 from .constants import Term
@@ -51,19 +51,30 @@ class MomentumOperator(Term):
         """Whether the velocity of particle i is solved for."""
         return self.particles.kind[i] == FLUID
 
-    @stage("apply")
-    def multiply(self, u: ti.template(), y: ti.template()):
+    @sequence("apply")
+    def multiply(self, u, y):
         """y = A u [N], zero in wall rows; with grains P A P u and what their contacts add, for u = P u."""
-        self._multiply(u, y, 0.0)
+        self.multiply_moving(u, y, 0.0)
         if ti.static(self.particles.has_grains):
             self.contacts.constrain(u, y)
 
-    @ti.func
-    def _multiply(self, u: ti.template(), y: ti.template(), motion):
+    @sequence("apply")
+    def multiply_moving(self, u, y, motion: ti.template()):
         """y = A u [N], zero in wall rows; ``motion`` 1 counts the walls' own velocity, 0 does not."""
+        self.set_motion(u)
+        self.gather_fluxes(u, motion)
+        self.gather_forces(u, y, motion)
+
+    @loop_stage("apply")
+    def set_motion(self, u: ti.template()):
+        """Put u where the neighbours of each particle see it."""
         for i in range(first(self.count[None]), last(self.count[None])):
             self.sums.set_motion(i, u[i])
         wait()
+
+    @loop_stage("apply")
+    def gather_fluxes(self, u: ti.template(), motion: ti.template()):
+        """The flux of each particle."""
         for start in range(first(self.count[None]), last(self.count[None])):
             if start % self.block == 0:
                 end = ti.min(start + self.block, self.count[None])
@@ -72,6 +83,10 @@ class MomentumOperator(Term):
                 for i in range(start, end):
                     self.set_flux(i, u, motion)
         wait()
+
+    @loop_stage("apply")
+    def gather_forces(self, u: ti.template(), y: ti.template(), motion: ti.template()):
+        """y = A u [N] of each particle, once the fluxes are gathered."""
         for start in range(first(self.count[None]), last(self.count[None])):
             if start % self.block == 0:
                 end = ti.min(start + self.block, self.count[None])
@@ -176,13 +191,23 @@ class MomentumOperator(Term):
             local += (2.0 * shear + bulk) / self.gradient.spacing**2 * ti.Matrix.identity(float, self.dimension)
         return shear, bulk, local
 
-    @stage("wall motion")
-    def subtract_wall_motion(self, walls_only: ti.template(), response: ti.template(), b: ti.template()):
+    @sequence("wall motion")
+    def subtract_wall_motion(self, walls_only, response, b):
         """b -= A applied to the walls' own velocity alone [N]; ``walls_only`` and ``response`` are scratch."""
+        self.set_walls_only(walls_only)
+        self.multiply_moving(walls_only, response, 1.0)
+        self.subtract(response, b)
+
+    @stage("wall motion")
+    def set_walls_only(self, v: ti.template()):
+        """Set v to the walls' own velocity alone."""
         for i in range(self.count[None]):
             fluid = self.particles.kind[i] == FLUID
-            walls_only[i] = ti.Vector.zero(float, self.dimension) if fluid else self.particles.u[i]
-        self._multiply(walls_only, response, 1.0)
+            v[i] = ti.Vector.zero(float, self.dimension) if fluid else self.particles.u[i]
+
+    @stage("wall motion")
+    def subtract(self, response: ti.template(), b: ti.template()):
+        """b -= response [N]."""
         for i in range(self.count[None]):
             b[i] -= response[i]
 
