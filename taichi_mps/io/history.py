@@ -113,7 +113,7 @@ def row_of(sim, measures: dict) -> dict:
     measures = {key: value for key, value in measures.items() if key != "slump_max_m"}  # the summary's alone
     keys = [key for key in COLUMNS if key not in MEASURED]
     if sim.report is not None:
-        return measures | {key: getattr(sim.report, REPORT_ATTRIBUTES.get(key, key)) for key in keys}
+        return measures | {key: getattr(sim.report, REPORT_ATTRIBUTES.get(key, key)) for key in keys} | {"time_s": sim.time}
     s = sim.snapshot()
     densities = np.array([m.density for m in sim.scene.materials])[s.mix]
     if sim.scene.grains:

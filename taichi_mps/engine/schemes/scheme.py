@@ -31,6 +31,7 @@ class Scheme:
     diagnostics: Diagnostics
     rows: FieldIO  # what a snapshot shows besides what the particles carry: yielded, and p where it is read otherwise
     all_active = True  # whether all particles took part in the last step
+    may_leave_out = False  # whether the next step may leave particles out
     unmet = 0  # steps whose outer iterations ended before their tolerance was met
     left_out = 0.0  # part of the particles that was left out of the steps, mean of all [-]
 
