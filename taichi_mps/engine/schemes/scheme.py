@@ -128,6 +128,7 @@ def initial_state(problem) -> dict:
     scene = problem.scene
     start = scene.start
     start["kind"] = np.full(len(start["x"]), FLUID)
+    start["structure"] = problem.initial_structure(start["mix"])
     if not problem.wall_particles:
         return start
     wall = np.asarray(scene.wall_particles, float)
@@ -136,5 +137,6 @@ def initial_state(problem) -> dict:
         "x": np.vstack([start["x"], wall]),
         "u": np.vstack([start["u"], np.zeros_like(wall)]),
         "mix": np.concatenate([start["mix"], np.zeros(len(wall))]),
+        "structure": np.concatenate([start["structure"], np.zeros(len(wall))]),
         "kind": np.concatenate([start["kind"], np.where(depth < scene.spacing, WALL, DUMMY)]),
     }

@@ -150,6 +150,7 @@ class Simulation:
         self._require_sound()
         if self.all_active or report.moving_speed > 0.0:  # a step in which all was set aside tells nothing
             self.rest.observe(report.moving_speed, self.time)
+        self.rest.reached(self)  # which notes since when
         self._count_seconds(cpu)
         return self.report
 
@@ -170,17 +171,18 @@ class Simulation:
 
     def _limits(self, jet) -> dict[str, float]:
         """Return what bounds the next step [s], by name, beside a jet of this speed [m/s]."""
-        frame, acceleration = self.problem.frame, math.inf
+        frame, acceleration, at_rest = self.problem.frame, math.inf, 0.0
         if self.report:
             speed, acceleration = self.report.max_speed, self.report.acceleration
+            at_rest = self.rest.lasting(self) if jet == 0.0 else 0.0
             if any(part.changes(self.time) for part in self.scene.in_time):
-                acceleration = math.inf  # the value of the last step does not apply
+                acceleration, at_rest = math.inf, 0.0  # the values of the last step do not apply
         if not self.report or np.any(frame):
             speed = float(np.linalg.norm(self.particles.read()["u"] - frame, axis=1).max())
         speed = max(speed, self.problem.wall_speed_at(self.time), jet + float(np.linalg.norm(frame)) * (jet > 0.0))
         if self.scene.jolts_at(self.time):
             speed += self.scene.jolted(self.particles.read()["x"], self.time)
-        limits = self.scheme.time_step_limits(Speeds(speed, acceleration, self.rest.fold, self.time))
+        limits = self.scheme.time_step_limits(Speeds(speed, acceleration, self.rest.fold, self.time, at_rest))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
         return limits
@@ -368,7 +370,6 @@ class Simulation:
             self.step()
             if self.time > until + INSTANT and self.all_active:
                 self._passed = until
-            self._why_stop(until)  # notes since when the body rests, which a checkpoint of this step must know
             self._output()
             for callback in self._each_step:
                 callback(self)
