@@ -318,8 +318,8 @@ class Law(Material):
     Notes
     -----
     A law declares its numbers as fields, ``yield_value`` [Pa] among them, and has the method ``shear_stress(self, rate,
-    structure)`` [Pa]: plain arithmetic of a shear rate [1/s] and of a structure [-]; equal to the yield stress at rate 0
-    and not falling with the rate. A method ``growth(self, rate, structure)``, the rate of change of the structure
+    structure)`` [Pa]: plain arithmetic of a shear rate [1/s] and of a structure [-]; equal to the yield stress at rate
+    0 and not falling with the rate. A method ``growth(self, rate, structure)``, the rate of change of the structure
     [1/s], makes it thixotropic; its property ``initial_structure`` [-] is zero where it has none of its own. Scheme
     ``implicit`` only.
 

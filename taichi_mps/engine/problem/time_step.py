@@ -66,8 +66,8 @@ class TimeStep:
     def longest_at(self, speeds: Speeds) -> float:
         """Longest step [s] at these speeds: ``longest``, or in a slowly varying flow sqrt(QUIET l0/acceleration), at
         most ``longest_in(decay)``. A body at rest takes AT_REST times the time for which it has been, as long as no
-        particle moves by more than QUIET l0 in a step. Until viscous_time at most CREEP times the time so far, or CREEP viscous_time where
-        that is more; never above the given limit."""
+        particle moves by more than QUIET l0 in a step. Until viscous_time at most CREEP times the time so far, or CREEP
+        viscous_time where that is more; never above the given limit."""
         longest = self.longest
         if speeds.acceleration * longest**2 < self.max_change and speeds.speed > self.min_speed:
             most = self.longest_in(speeds.decay)
