@@ -240,6 +240,7 @@ class Calibration(Mix):
     # where no mix fits: by constant and measurement, value and interval by that alone; the other constants used then
     alone: dict[str, dict[str, tuple[float, float | None, float | None]]] = field(default_factory=dict)
     others: dict[str, float] = field(default_factory=dict)
+    possible: dict[str, tuple[float, float]] = field(default_factory=dict)  # of each measurement, beside all others
     finer: dict[str, float] = field(default_factory=dict)  # finer run beside the table: differences, ratios of times
     friction: FrictionalMix | None = None  # by slump, slump flow and T500, where it was sought
 
@@ -285,6 +286,13 @@ class Calibration(Mix):
         """Format that no mix fits the measurements, with what each alone says and what to trust it for."""
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
         text += ", or lie beyond the table" if self.at_the_edge else ""
+        for name, ends in self.possible.items() if len(self.measured) > 1 else ():
+            value = self.measured[name][0]
+            by = value - float(np.clip(value, *ends))
+            factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
+            low, high = (f"{factor * end:.3g}" for end in ends)
+            text += f"; beside {'the other' if len(self.measured) == 2 else 'the others'} the {NAMES[name]} of a mix "
+            text += f"is {low} to {high} {unit}, that measured is off by {signed(name, by)}"
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             readings = [
                 f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "
