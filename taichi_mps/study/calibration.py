@@ -287,12 +287,10 @@ class Calibration(Mix):
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
         text += ", or lie beyond the table" if self.at_the_edge else ""
         for name, ends in self.possible.items() if len(self.measured) > 1 else ():
-            value = self.measured[name][0]
-            by = value - float(np.clip(value, *ends))
-            factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
-            low, high = (f"{factor * end:.3g}" for end in ends)
+            by = self.measured[name][0] - float(np.clip(self.measured[name][0], *ends))
+            low, high = (f"{(1.0 if is_time(name) else 100.0) * end:.3g}" for end in ends)
             text += f"; beside {'the other' if len(self.measured) == 2 else 'the others'} the {NAMES[name]} of a mix "
-            text += f"is {low} to {high} {unit}, that measured is off by {signed(name, by)}"
+            text += f"is {low} to {high} {'s' if is_time(name) else 'cm'}, that measured is off by {signed(name, by)}"
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             readings = [
                 f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "

@@ -88,7 +88,10 @@ class Rest:
 
 def pushed(sim) -> bool:
     """Whether a moving wall touches the fluid: a body in a mould is at rest only after the mould is gone."""
-    now = sim.time, sim.time + INSTANT
-    walls = [wall for wall in sim.scene.walls if wall.travels_at(sim.time) and np.any(wall.mean_velocity(*now))]
+    walls = [
+        wall
+        for wall in sim.scene.walls
+        if wall.travels_at(sim.time) and np.any(wall.mean_velocity(sim.time, sim.time + INSTANT))
+    ]
     x = sim.particles.read()["x"] if walls else None
     return any(np.abs(wall.distance(x, sim.time)).min() < sim.walls.effective_radius for wall in walls)

@@ -364,8 +364,10 @@ class Simulation:
             self.load(self._before)
         self._output()
         while self.stopped_by is None:
-            longest = 2.0 * (self._last_dt or math.inf)
-            if self.all_active and (self.time + longest >= until or self.scheme.may_leave_out):
+            # the step may pass the limit, or be followed by others up to it that leave particles out
+            if self.all_active and (
+                self.time + 2.0 * (self._last_dt or math.inf) >= until or self.scheme.may_leave_out
+            ):
                 self._before = self.state()
             self.step()
             if self.time > until + INSTANT and self.all_active:
@@ -423,10 +425,10 @@ class Simulation:
             Computed part; ``scene.unfold`` completes it to the whole body.
         """
         now = snapshot(self)
-        if self._passed is None:
-            return now
-        before, now = of_state(self._before, now.spacing), replace(now, time=self._time)
-        return interpolate(Frame(self.scene, before), Frame(self.scene, now), self._passed).state
+        if self._passed is not None:
+            before, now = of_state(self._before, now.spacing), replace(now, time=self._time)
+            now = interpolate(Frame(self.scene, before), Frame(self.scene, now), self._passed).state
+        return now
 
     def measures(self) -> dict[str, float]:
         """Return what the scene measures of the whole body now.
@@ -464,7 +466,6 @@ class Simulation:
         """
         if self._passed is not None:
             return self._before
-        report = asdict(self.report) if self.report else None
         return {
             **self.particles.read(),
             **self.neighbors.state(),
@@ -472,7 +473,7 @@ class Simulation:
             "steps": self.steps,
             "last_dt": self._last_dt,
             "rest": asdict(self.rest),
-            "report": report,
+            "report": asdict(self.report) if self.report else None,
             **({"pouring": [[pouring.entered, pouring.delay] for pouring in self.pouring]} if self.pouring else {}),
             **self.scheme.state(),
         }
