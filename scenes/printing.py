@@ -114,7 +114,9 @@ def scene(
     # rho g H = threshold (tau_y + structuration t), with H = rise t
     grown = THRESHOLD[model] * material.growth_at_rest / rise
     spare = material.density * 9.81 - grown
-    limit = THRESHOLD[model] * material.yield_value / spare if spare > 0.0 else np.inf
+    limit = (
+        THRESHOLD[model] * (1.0 + material.initial_structure) * material.yield_value / spare if spare > 0.0 else np.inf
+    )
     room = 5.0 * high + width
 
     def measure(s):

@@ -142,7 +142,7 @@ def scene(
         if smooth:
             return found
         age = history["time_s"][-1] - np.array([mps.measure.time_of(history["time_s"], level, z) for z in middle])
-        bears = material.yield_value + material.growth_at_rest * np.nan_to_num(age)
+        bears = (1.0 + material.initial_structure) * material.yield_value + material.growth_at_rest * np.nan_to_num(age)
         held = 2.0 * (length + width) / (length * width) * bears  # by the four sides [N/m3]
         gain = np.clip(level[-1] - edges[:-1], 0.0, np.diff(edges)) * np.maximum(0.0, weight - held)
         return found | in_layers("less_what_sides_bear", np.cumsum(gain[::-1])[::-1] - 0.5 * gain)

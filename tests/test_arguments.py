@@ -229,6 +229,7 @@ class Bench:
             "flow_index": 0.8,
             "structuration": 0.1,
             "destructuration": 0.01,
+            "age": 60.0,
         }
         curve = {"density": 2300.0, "yield_value": 40.0, "typical_slope": 50.0, "shear_stress": law, "growth": law}
         channel = {
@@ -296,7 +297,10 @@ class Bench:
             "Bingham": (mps.Bingham, bingham),
             "Bingham.flows": (mps.Bingham().flows, {"rate": 1.0}),
             "Bingham.within": (mps.Bingham(critical_strain_rate="rational").within, {"time": 1.0}),
-            "Concrete": (mps.Concrete, bingham | {"flow_index": 1.0, "structuration": 0.0, "destructuration": 0.005}),
+            "Concrete": (
+                mps.Concrete,
+                bingham | {"flow_index": 1.0, "structuration": 0.0, "destructuration": 0.005, "age": 0.0},
+            ),
             "HerschelBulkley": (mps.HerschelBulkley, hb),
             "FlowCurve": (mps.FlowCurve, curve),
             "Newtonian": (mps.Newtonian, {"density": 1000.0, "viscosity": 0.001}),

@@ -252,6 +252,7 @@ class SlumpKeywords(TypedDict, total=False):  # noqa: D101  (scenes/slump.py des
     flow_index: Number
     structuration: Number
     destructuration: Number
+    age: Number
     casson_viscosity: Number | None
     spacing: Number
     base_diameter: Number

@@ -10,7 +10,7 @@ import numpy as np
 from ..units import File, SceneError, regular_file, require, user_path, validated
 
 COLUMN_MEANINGS = {
-    "time_s": "time at the end of the step [s]",
+    "time_s": "time at the end of the step, or the time limit that ended the run in it [s]",
     "dt_s": "length of the step [s]",
     "slump_m": "fall of the top of the body at its axis [m]; nan where the scene measures none",
     "spread_m": "diameter of the body, mean over all directions [m]; nan where the scene measures none",
@@ -113,7 +113,11 @@ def row_of(sim, measures: dict) -> dict:
     measures = {key: value for key, value in measures.items() if key != "slump_max_m"}  # the summary's alone
     keys = [key for key in COLUMNS if key not in MEASURED]
     if sim.report is not None:
-        return measures | {key: getattr(sim.report, REPORT_ATTRIBUTES.get(key, key)) for key in keys}
+        return (
+            measures
+            | {key: getattr(sim.report, REPORT_ATTRIBUTES.get(key, key)) for key in keys}
+            | {"time_s": sim.time}
+        )
     s = sim.snapshot()
     densities = np.array([m.density for m in sim.scene.materials])[s.mix]
     if sim.scene.grains:

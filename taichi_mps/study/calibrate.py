@@ -27,7 +27,7 @@ from ..units import (
 from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, Calibration, FrictionalMix, is_time
 from .case import T500_SPREAD, case, run
 from .emulator import DENSITY, FRICTION_TABLE, RESULT_COLUMNS, Emulator, emulator_of, scale
-from .fit import fit
+from .fit import Tables, fit
 
 REFINED_TESTS = "slump", "mini_cone"  # tests that a finer run checks; a V-funnel at half the spacing takes too long
 CONE_RESULTS = "slump_m", "spread_m"  # without which no mix with internal friction is sought
@@ -182,10 +182,11 @@ def calibrate(test: Measurements, study: Place | None = None, check: Flag = True
 
 
 def add_separate_fits(emulators: dict[str, Emulator], found: Calibration, known: dict) -> Calibration:
-    """Add to a contradictory result the fit to each measurement alone, and the rheometer's constants.
+    """Add to a contradictory result the fits to each measurement alone and what each would be beside the others.
 
-    A length at rest gives the yield stress, a time the plastic viscosity. The other constant is the one found, or the
-    default plastic viscosity where it is not determined: the best fit of a contradiction lies anywhere in the table.
+    A length at rest gives the yield stress, a time the plastic viscosity; a rheometer's constant stands beside them.
+    The other constant is the one found, or the default plastic viscosity where it is not determined: the best fit of a
+    contradiction lies anywhere in the table.
     """
     others = found.values
     if not found.plastic_viscosity.determined and "plastic_viscosity" not in known:
@@ -197,7 +198,9 @@ def add_separate_fits(emulators: dict[str, Emulator], found: Calibration, known:
         with suppress(SceneError):  # no T500 at all with that yield stress
             it = fit([emulator], {name: pair}, found.density, found.finer, {other: others[other]}).constants[constant]
             alone[constant][name] = it.value, it.lower, it.upper
-    return replace(found, alone={it: fits for it, fits in alone.items() if fits.keys() - {RHEOMETER}}, others=others)
+    possible = Tables(list(emulators.values()), found.measured, found.density, found.finer, known).beside_the_others()
+    alone = {it: fits for it, fits in alone.items() if fits.keys() - {RHEOMETER}}
+    return replace(found, alone=alone, others=others, possible=possible)
 
 
 def refinement(emulators: dict[str, Emulator], found: Calibration) -> dict[str, float]:

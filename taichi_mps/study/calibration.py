@@ -236,6 +236,7 @@ class Calibration(Mix):
     # where no mix fits: by constant and measurement, value and interval by that alone; the other constants used then
     alone: dict[str, dict[str, tuple[float, float | None, float | None]]] = field(default_factory=dict)
     others: dict[str, float] = field(default_factory=dict)
+    possible: dict[str, tuple[float, float]] = field(default_factory=dict)  # of each measurement, beside all others
     finer: dict[str, float] = field(default_factory=dict)  # finer run beside the table: differences, ratios of times
     friction: FrictionalMix | None = None  # by slump, slump flow and T500, where it was sought
 
@@ -281,6 +282,11 @@ class Calibration(Mix):
         """Format that no mix fits the measurements, with what each alone says and what to trust it for."""
         text = "no Bingham mix comes within three standard errors: the measurements contradict each other or the model"
         text += ", or lie beyond the table" if self.at_the_edge else ""
+        for name, ends in self.possible.items() if len(self.measured) > 1 else ():
+            by = self.measured[name][0] - float(np.clip(self.measured[name][0], *ends))
+            low, high = (f"{(1.0 if is_time(name) else 100.0) * end:.3g}" for end in ends)
+            text += f"; beside {'the other' if len(self.measured) == 2 else 'the others'} the {NAMES[name]} of a mix "
+            text += f"is {low} to {high} {'s' if is_time(name) else 'cm'}, that measured is off by {signed(name, by)}"
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             readings = [
                 f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "

@@ -5,7 +5,7 @@ import numpy as np
 
 from ..io.run_folder import strict
 from ..units import require
-from .calibration import BINGHAM, CONSTANT_UNITS, Calibration, Constant, FrictionalMix, deviation, is_time
+from .calibration import BINGHAM, CONSTANT_UNITS, MAX_MISFIT, Calibration, Constant, FrictionalMix, deviation, is_time
 from .emulator import GRID, Emulator, require_covered, scale
 
 CHI2_95 = 3.841  # 95 % quantile of chi squared with one degree of freedom
@@ -98,6 +98,17 @@ class Tables:
             near = np.argwhere(chi2 <= chi2.min() + reach)
             around = np.stack([near.min(0) - 1, near.max(0) + 1], 1)
             ends = [axis[np.clip(pair, 0, len(axis) - 1)] for axis, pair in zip(axes, around, strict=True)]
+
+    def beside_the_others(self) -> dict[str, tuple[float, float]]:
+        """Return the least and the greatest value of each measurement by the mixes that are within three standard
+        errors of all others, where there are such mixes."""
+        axes, *_ = next(self.search())
+        model, squares, found = self.model(axes), self.residuals(axes) ** 2, {}
+        for name, square in zip(self.measured, squares, strict=True):
+            values = model[name][(squares.sum(0) - square <= MAX_MISFIT) & np.isfinite(model[name])]
+            if values.size:
+                found[name] = float(values.min()), float(values.max())
+        return found
 
     def slopes(self, at) -> np.ndarray:
         """Return the derivatives of the residuals at a mix by the constants that are not known, (measurements, n)."""

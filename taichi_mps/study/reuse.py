@@ -40,6 +40,8 @@ def begin(scene: Scene, compiles=None, most: int = MAX_KEPT) -> Simulation:
         sim = Simulation(problem)
         scheme, beginning = sim.scheme, sim.state()
     require_room()
+    if "structure" in beginning:
+        beginning["structure"] = problem.initial_structure(beginning.get("mix", np.zeros(len(beginning["x"]))))
     sim.restart(problem, beginning)
     _kept[shape] = sim, scheme, beginning
     return sim

@@ -162,6 +162,10 @@ def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, 
             "structuration = 1 Pa/s: needs a yield stress to grow",
         ),
         (
+            lambda: mps.HerschelBulkley(age="2 min"),
+            "age = 120 s: needs a yield stress that grows at rest; structuration must be given",
+        ),
+        (
             lambda: mps.Concrete(structuration=-1.0),
             "structuration = -1.0 Pa/s: must be greater than or equal to 0 Pa/s",
         ),

@@ -5,6 +5,9 @@ import json
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.simulation.pouring import Pouring
+from tests.support.scenes import two_mixes
 
 
 def curve(rate, structure):
@@ -67,4 +70,9 @@ def test_roussels_growth_of_the_yield_stress():
     mix = mps.HerschelBulkley(yield_value=50.0, structuration=0.5, destructuration=0.005)
     assert mix.ages and 50.0 * mix.growth(0.0, 3.0) == pytest.approx(0.5)
     assert mix.growth(2.0, 0.01 / (0.005 * 2.0)) == pytest.approx(0.0, abs=1e-15)
+    aged = mps.HerschelBulkley(yield_value=300.0, structuration=0.5, age="10min")
+    assert aged.initial_structure == 1.0 and mix.initial_structure == CURVE.initial_structure == 0.0
+    scene = two_mixes(mix, aged)
+    assert Problem(scene).initial_structure([1, 0]).tolist() == [1.0, 0.0]
+    assert Pouring(scene, scene.inlets[0]).structure == 1.0
     assert not mps.HerschelBulkley().ages and not mps.Bingham().ages and not CURVE.ages

@@ -1,5 +1,5 @@
-"""Outputs do not change a run: it has the same bits whatever is read and when; frames between two steps are
-interpolated; a resumed run has the same steps and frames."""
+"""Outputs and time limits do not change a run: it has the same bits whatever is read and when, and wherever it was
+stopped; frames between two steps are interpolated; a resumed run has the same steps and frames."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -35,12 +35,17 @@ def with_outputs(sim, start, every) -> tuple:
         sim = mps.Simulation(sim.problem)
     if every:
         sim.every(every, frames.append)
+    return whole(sim), frames
+
+
+def whole(sim) -> tuple:
+    """Run to the end: time, steps, reason of the end, bits."""
     stopped_by = sim.run()
-    return (sim.time, sim.steps, stopped_by, bits(sim)), frames
+    return sim.time, sim.steps, stopped_by, bits(sim)
 
 
 # ---- the same bits ---------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
+RUNS = pytest.mark.parametrize(
     ("scene", "keywords", "numerics", "until"),
     [
         pytest.param("film", {"spacing": 0.01}, None, 0.3, marks=pytest.mark.slow),
@@ -55,6 +60,9 @@ def with_outputs(sim, start, every) -> tuple:
     ],
     ids=["film", "rings", "quarter", "sleeping", "semi-implicit"],
 )
+
+
+@RUNS
 def test_a_run_does_not_know_its_outputs(scene, keywords, numerics, until):
     """End time, steps and every bit are equal without outputs and with outputs of any interval."""
     sim = mps.Simulation(catalogue.build(scene, until=until, **keywords), numerics)
@@ -70,6 +78,26 @@ def test_a_run_does_not_know_its_outputs(scene, keywords, numerics, until):
     if sim.problem.scheme == "implicit":  # a limit that no step reaches switches nothing
         sim.restart(Problem(sim.scene, sim.numerics.model_copy(update={"max_time_step": 10.0})), start)
         assert with_outputs(sim, start, None)[0] == alone
+
+
+@RUNS
+def test_a_run_does_not_know_its_limits(scene, keywords, numerics, until):
+    """A limit that lies between two steps tells what lies on the line between them, and the run goes on as if there had
+    been none: to limits in the same step, at the end of a step, and before the first."""
+    sim = mps.Simulation(catalogue.build(scene, until=until, **keywords), numerics)
+    start, steps = sim.state(), [(0.0, sim.snapshot().x)]
+    sim.each_step(lambda sim: steps.append((sim.time, sim.snapshot().x)) if sim.all_active else None)
+    alone, ends = whole(sim), steps[:-1]
+    sim.load(start)
+    times = [time for time, _ in ends]
+    for limit in np.interp([0.3, 3.5, 3.9, 9.0, len(times) - 1.3], range(len(times)), times).tolist():
+        assert sim.run(limit) == "time" and sim.time == limit
+        k = int(np.searchsorted(times, limit))
+        (earlier, first), (later, x) = ends[k - 1 : k + 1]
+        np.testing.assert_allclose(
+            sim.snapshot().x, first + (limit - earlier) / (later - earlier) * (x - first), rtol=0.0, atol=1e-12
+        )
+    assert whole(sim) == alone
 
 
 # ---- frames ----------------------------------------------------------------------------------------------------
@@ -122,11 +150,9 @@ def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, sch
     rings = {"model": "axisymmetric", "spacing": 0.02} if scheme == "implicit" else {"spacing": 0.04}
     scene = catalogue.build("slump", until=0.12, **rings)
     numerics = mps.Implicit() if scheme == "implicit" else mps.SemiImplicit()
-    whole, parts = (RunFolder(tmp_path / name) for name in ("whole", "parts"))
-    for folder in (whole, parts):
-        folder.create(False)
+    one, parts = folders(tmp_path)
     sim = mps.Simulation(scene, numerics)
-    assert recorded(whole, sim) == "time"
+    assert recorded(one, sim) == "time"
     end = bits(sim)
     sim = mps.Simulation(scene, numerics)
     assert recorded(parts, sim, stop_at=7) == "interrupted"
@@ -139,9 +165,39 @@ def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, sch
     assert recorded(parts, sim) == "time"
     assert bits(sim) == end and sim.summary()["steps"] == sim.steps
 
-    outputs = [list(Trajectory(folder.trajectory).replay(scene=scene)) for folder in (whole, parts)]
+    require_equal(one, parts, scene)
+
+
+def test_a_run_that_several_limits_stopped_has_the_files_of_one_without(tmp_path):
+    """Limits before the first step, between outputs, and in the same step."""
+    sim = mps.Simulation(catalogue.build("slump", until=0.12, **RINGS))
+    problem, state, (one, parts) = sim.problem, sim.state(), folders(tmp_path)
+    assert recorded(one, sim) == "time"
+    for limit in (1e-6, 0.052, 0.0521, 0.12):
+        sim.restart(replace(problem, scene=replace(problem.scene, until=limit)), state)
+        assert recorded(parts, sim) == "time"
+        found = checkpoint.read(parts.checkpoint)
+        assert found.header["time"] == parts.read_summary()["simulated_seconds"] == limit > found.state["time"]
+        assert read_history(parts.history)["time_s"][-1] == Trajectory(parts.trajectory).times()[-1] == limit
+        state = found.state
+    require_equal(one, parts, problem.scene)
+
+
+def folders(path) -> tuple:
+    """Two folders for runs."""
+    found = RunFolder(path / "one"), RunFolder(path / "parts")
+    for folder in found:
+        folder.create(False)
+    return found
+
+
+def require_equal(one, parts, scene):
+    """Require the same history and the same outputs of two runs from the first step on: before it the particles of a
+    Simulation that is used again are still marked as they last flowed."""
+    outputs = [list(Trajectory(folder.trajectory).replay(scene=scene)) for folder in (one, parts)]
     assert [frame.time for frame in outputs[0]] == [frame.time for frame in outputs[1]]
-    for one, other in zip(*outputs, strict=True):
+    for frame, other in zip(*(frames[1:] for frames in outputs), strict=True):
         for name in ("x", "u", "p", "shear_rate", "yielded", "density_ratio"):
-            np.testing.assert_array_equal(getattr(one.state, name), getattr(other.state, name), err_msg=name)
-    np.testing.assert_equal(*(read_history(folder.history) for folder in (whole, parts)))
+            np.testing.assert_array_equal(getattr(frame.state, name), getattr(other.state, name), err_msg=name)
+    histories = [read_history(folder.history) for folder in (one, parts)]
+    np.testing.assert_equal(*({key: values[1:] for key, values in history.items()} for history in histories))

@@ -109,8 +109,10 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     checkpoint.Checkpoint.of(sim, source).write(tmp_path / "checkpoint.h5")
     ends, steps = [], []
     sim.each_step(lambda sim: steps.append((sim.time, sim.fluid_particles)))
-    for _ in range(2):
+    for limits in ((), (start + 0.5 * interval, 0.7, 0.701)):  # which do not change the run
         steps[:] = [(sim.time, sim.fluid_particles)]
+        for limit in limits:
+            assert sim.run(until=limit) == "time"
         sim.rest.reached = lambda _: True
         assert sim.run(until=10.0) == "rest"  # which is no end while concrete is to come
         assert all(pouring.done for pouring in sim.pouring) and steps[-1][1] > steps[-2][1]

@@ -42,7 +42,7 @@ def test_the_largest_volume_error_is_reported_and_goes_on_where_a_run_is_resumed
     kept = sim.state()
     begun(block).load(kept)
     sim.run(until=0.05)
-    assert sim.report.volume_error_max >= kept["report"]["volume_error_max"] == max(errors)
+    assert sim.report.volume_error_max >= kept["report"]["volume_error_max"] == max(errors[:-1])
 
 
 def test_a_volume_that_was_not_kept_on_the_way_is_a_warning_with_a_remedy(block):
@@ -50,6 +50,7 @@ def test_a_volume_that_was_not_kept_on_the_way_is_a_warning_with_a_remedy(block)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         sim.run(until=0.01)
+    sim.step()
     sim.report = replace(sim.report, volume_error_max=0.36)
     with pytest.warns(UserWarning, match="volume_error_max = 36.0%: .* not kept within 2% .* a smaller spacing"):
         sim.run(until=0.02)

@@ -8,6 +8,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine.problem.time_step import Speeds
 from taichi_mps.engine.simulation.rest import NEGLIGIBLE_PATH, PAUSE, Rest
 from tests.support.scenes import parts
 
@@ -106,6 +107,21 @@ def test_what_a_travelling_wall_touches_is_not_at_rest():
 
     pause = PAUSE * problem.fall_time
     assert next(time for time in np.arange(0.0, 1.0, 0.01) if reached(time)) == pytest.approx(0.16 + pause, abs=0.02)
+
+
+@pytest.mark.parametrize("limit", [3.0, 30.0, 300.0, np.inf])
+def test_at_rest_a_structure_grows_within_a_hundredth_in_few_steps(limit):
+    """d lambda/dt = 1 - lambda/T at one rate a step, by the steps that a body at rest takes, beside T (1 - exp(-t/T)),
+    or t."""
+    rule = Problem(mps.Scene(**parts(spacing=SPACING))).time_step
+    time = structure = steps = 0
+    while time < 900.0:
+        dt = rule.longest_at(Speeds(0.0, 0.0, at_rest=time))
+        time, structure, steps = time + dt, structure + dt * (1.0 - structure / limit), steps + 1
+        exact = time if limit == np.inf else -limit * np.expm1(-time / limit)
+        assert structure == pytest.approx(exact, rel=0.01)
+    assert steps < 300
+    assert rule.longest_at(Speeds(1e-4, 0.0, at_rest=time)) * 1e-4 <= 0.005 * SPACING, "what still moves is not far"
 
 
 @pytest.mark.parametrize(

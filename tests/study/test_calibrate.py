@@ -277,6 +277,12 @@ def test_contradictions_are_one_sentence_with_both_answers():
     assert "Trust" not in first  # of slump and slump flow only
     known = calibrate(slump=0.25, yield_value=400.0, plastic_viscosity=50.0, check=False)
     assert "the rheometer says 400 Pa, the slump alone says" in str(known).splitlines()[0]
+    stiff, table = calibrate(slump=0.2, spread=0.55, check=False), emulator_of()
+    tau, eta = (np.linspace(*ends, 200) for ends in zip(table.low, table.high, strict=True))
+    mixes, (low, high) = table.at(tau, eta, grid=True), stiff.possible["slump_m"]
+    slumps = mixes["slump_m"][np.abs(mixes["spread_m"] - 0.55) < 3.0 * stiff.errors["spread_m"]]
+    assert (low, high) == pytest.approx((slumps.min(), slumps.max()), abs=2e-3)
+    assert f"cm, that measured is off by {1e3 * (0.2 - low):+.0f} mm" in str(stiff)
     late = calibrate(v_funnel=10.0, yield_value=50.0, plastic_viscosity=10.0, check=False)
     assert "the rheometer says 10 Pa s, the V-funnel time alone says" in str(late).splitlines()[0]
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.input import catalogue
 
 DEPTH, DENSITY = 0.1, 2300.0
@@ -83,7 +84,27 @@ def test_a_thixotropic_law_of_ones_own_comes_to_rest():
     sim.run(until=stands + 0.5)
     assert np.abs(sim.snapshot().u).max() < 1e-4
     structure = sim.particles.read()["structure"]
-    np.testing.assert_allclose(structure, 2.0 * sim.time, rtol=1e-4)
+    np.testing.assert_allclose(structure, 2.0 * sim.report.time, rtol=1e-4)
+
+
+def test_ten_minutes_at_rest_are_few_steps_and_an_age():
+    """300 Pa that grow by 0.5 Pa/s are 600 Pa after 600 s without weight, in the mould; what then falls is the mix of
+    an age of 600 s."""
+    wait, thixotropic = 600.0, {"yield_value": 300.0, "structuration": 0.5, "destructuration": 0.0}
+    cone = catalogue.build("slump", model="axisymmetric", spacing=0.02, until=wait + 1.0, age=wait, **thixotropic)
+    sim = mps.Simulation(cone)
+    aged = sim.state()
+    np.testing.assert_allclose(aged["structure"], 1.0)
+    sim.run()
+    slump = sim.measures()["slump_m"]
+    gravity = ((0.0, 0.0, 0.0), (wait, 0.0, 0.0), (wait, 0.0, -9.81))
+    rested = replace(cone, material=mps.HerschelBulkley(**thixotropic), gravity=gravity)
+    sim.restart(Problem(rested), aged | {"structure": 0.0 * aged["structure"]})
+    sim.run(until=wait)
+    assert sim.time == wait and sim.steps < 300
+    np.testing.assert_allclose(sim.particles.read()["structure"], 1.0, rtol=1e-5)
+    sim.run()
+    assert sim.measures()["slump_m"] == pytest.approx(slump, abs=5e-4) and 0.16 < slump < 0.18
 
 
 @pytest.mark.long

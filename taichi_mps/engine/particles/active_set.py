@@ -22,7 +22,7 @@ MAX_CELL_DISTANCE = 4  # cells from a moving particle: 0 and 1 active, 2 boundar
 class AllActive:
     """The active set of a scene in which no part stands while the rest flows: all particles, in every step."""
 
-    is_full_step, left_out, mean_part_left_out = True, 0, 0.0
+    is_full_step, left_out, mean_part_left_out, rest_fraction = True, 0, 0.0, 0.0
 
     def __init__(self, neighbors):
         self.neighbors = neighbors

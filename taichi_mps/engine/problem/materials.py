@@ -70,6 +70,7 @@ class Material(Checked):
     newtonian: ClassVar[bool] = False  # whether the stress is proportional to the shear rate
     friction_coefficient: ClassVar[float] = 0.0  # increase of the yield stress with the pressure [-]
     growth_at_rest: ClassVar[float] = 0.0  # growth rate of the yield stress at rest [Pa/s]
+    initial_structure: ClassVar[float] = 0.0  # structure at the start, of what is poured when it enters [-]
 
     density: AnyDensity = Field(default=2300.0, description="density of the mix")
 
@@ -334,9 +335,10 @@ class Law(Material):
     Notes
     -----
     A law declares its numbers as fields, ``yield_value`` [Pa] among them, and has the method ``shear_stress(self, rate,
-    structure)`` [Pa]: plain arithmetic of a shear rate [1/s] and of a structure [-], which is zero at the start; equal
-    to the yield stress at rate 0 and not falling with the rate. A method ``growth(self, rate, structure)``, the rate of
-    change of the structure [1/s], makes it thixotropic. Scheme ``implicit`` only.
+    structure)`` [Pa]: plain arithmetic of a shear rate [1/s] and of a structure [-]; equal to the yield stress at rate
+    0 and not falling with the rate. A method ``growth(self, rate, structure)``, the rate of change of the structure
+    [1/s], makes it thixotropic; its property ``initial_structure`` [-] is zero where it has none of its own. Scheme
+    ``implicit`` only.
 
     Examples
     --------
@@ -396,9 +398,10 @@ class HerschelBulkley(Law):
     Notes
     -----
     The stress is (1 + lambda) tau_y + k rate^n: n > 1 thickens, n < 1 thins; rigid below the yield stress. Without
-    ``structuration`` lambda is 0. Otherwise d lambda/dt = A/tau_y - alpha rate lambda, lambda = 0 at the start (Roussel
-    2006, Cem. Concr. Res. 36, 1797): at rest the yield stress grows by A = ``structuration`` [Pa/s], and flow undoes it
-    within a strain of 1/alpha, alpha the ``destructuration`` [-].
+    ``structuration`` lambda is 0. Otherwise d lambda/dt = A/tau_y - alpha rate lambda (Roussel 2006, Cem. Concr. Res.
+    36, 1797): at rest the yield stress grows by A = ``structuration`` [Pa/s], and flow undoes it within a strain of
+    1/alpha, alpha the ``destructuration`` [-]. At the start, or where it is poured, the mix has rested for its ``age``:
+    lambda = A age/tau_y.
 
     Examples
     --------
@@ -421,6 +424,7 @@ class HerschelBulkley(Law):
     destructuration: real("", ge=0.0, le=10.0) = Field(
         default=0.005, description="part of that growth undone by a strain of 1"
     )
+    age: Time = Field(default=0.0, description="rest before the start, during which the yield stress has grown")
 
     @model_validator(mode="after")
     def _has_what_grows(self):
@@ -428,6 +432,10 @@ class HerschelBulkley(Law):
             self.structuration == 0.0 or self.yields,
             f"structuration = {self.structuration:g} Pa/s: needs a yield stress to grow; yield_value must be above "
             "0 Pa",
+        )
+        require(
+            self.ages or self.age == 0.0,
+            f"age = {self.age:g} s: needs a yield stress that grows at rest; structuration must be given",
         )
         require(
             "structuration" in self.model_fields_set or not chooses_law("destructuration", self.destructuration),
@@ -449,6 +457,11 @@ class HerschelBulkley(Law):
     def growth_at_rest(self) -> float:
         """Growth A of the yield stress at rest [Pa/s]."""
         return self.structuration
+
+    @property
+    def initial_structure(self) -> float:
+        """Structure lambda at the start [-], grown during the ``age``."""
+        return self.age * self.structuration / self.yield_value if self.ages else 0.0
 
     @property
     def typical_slope(self) -> float:

@@ -193,6 +193,21 @@ class Problem:
         poured = sum(inlet.rate for inlet in scene.inlets) / scene.spacing ** (scene.dimension - 1)
         return RUNAWAY * self.expected_speed + travel * gap + poured
 
+    def initial_structure(self, mix) -> np.ndarray:
+        """Return the structure at the start.
+
+        Parameters
+        ----------
+        mix : ndarray of int, shape (n,)
+            Numbers in ``materials``.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Structures [-].
+        """
+        return np.array([material.initial_structure for material in self.materials])[np.asarray(mix, int)]
+
     def facts(self) -> dict:
         """Return what is known before a run starts.
 

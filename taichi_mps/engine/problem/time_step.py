@@ -9,6 +9,9 @@ LONG = 2.0  # a slowly varying flow takes steps as long as this many of the scen
 CREEP = 0.1
 # a flow varies slowly where its change of velocity moves particles by less than this part of l0 in a step
 QUIET = 0.005
+# a body at rest takes steps of this fraction of the time for which it has been: a structure that grows to a limit is
+# then within 1 % of its growth at all times (a growth that is constant is exact in steps of any length)
+AT_REST = 0.05
 STILL = 1e-5  # speed over sqrt(gH) below which steps are not longer: each one removes most of the remaining motion
 
 
@@ -20,6 +23,7 @@ class Speeds:
     acceleration: float  # root mean square, of the last step [m/s2]; infinite before the first
     decay: float = 0.0  # time in which what moves last fell to 1/e of its speed [s]; 0 where it has not fallen
     since: float = math.inf  # time since the start [s]
+    at_rest: float = 0.0  # time for which the body has been at rest [s], 0 or less where it is not
 
 
 def longest_step(
@@ -61,12 +65,15 @@ class TimeStep:
 
     def longest_at(self, speeds: Speeds) -> float:
         """Longest step [s] at these speeds: ``longest``, or in a slowly varying flow sqrt(QUIET l0/acceleration), at
-        most ``longest_in(decay)``. Until viscous_time at most CREEP times the time so far, or CREEP viscous_time where
-        that is more; never above the given limit."""
+        most ``longest_in(decay)``. A body at rest takes AT_REST times the time for which it has been, as long as no
+        particle moves by more than QUIET l0 in a step. Until viscous_time at most CREEP times the time so far, or CREEP
+        viscous_time where that is more; never above the given limit."""
         longest = self.longest
         if speeds.acceleration * longest**2 < self.max_change and speeds.speed > self.min_speed:
             most = self.longest_in(speeds.decay)
             longest = max(longest, min(most, math.sqrt(self.max_change / max(speeds.acceleration, 1e-30))))
+        if speeds.at_rest > 0.0:
+            longest = max(longest, min(AT_REST * speeds.at_rest, self.max_change / max(speeds.speed, 1e-30)))
         if speeds.since < self.viscous_time:
             longest = min(longest, CREEP * max(speeds.since, CREEP * self.viscous_time))
         return min(longest, self.limit)

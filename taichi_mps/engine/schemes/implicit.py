@@ -8,7 +8,7 @@ are its multipliers; then the particles are shifted and drift the other half.
 import inspect
 import warnings
 
-from ..particles.active_set import FULL_STEP_INTERVAL, ActiveSet, AllActive
+from ..particles.active_set import FULL_STEP_INTERVAL, MIN_EXCLUDED_FRACTION, ActiveSet, AllActive
 from ..particles.pair_sums import PairSums
 from ..particles.particles import Carried
 from ..runtime.field_io import FieldIO
@@ -251,6 +251,11 @@ class ImplicitScheme(Scheme):
     def all_active(self) -> bool:
         """Whether all particles took part in the last step."""
         return self.active_set.is_full_step
+
+    @property
+    def may_leave_out(self) -> bool:
+        """Whether the next step may leave out particles at rest."""
+        return self.active_set.rest_fraction >= MIN_EXCLUDED_FRACTION
 
     @property
     def left_out(self) -> float:

@@ -31,6 +31,7 @@ class Scheme:
     diagnostics: Diagnostics
     rows: FieldIO  # what a snapshot shows besides what the particles carry: yielded, and p where it is read otherwise
     all_active = True  # whether all particles took part in the last step
+    may_leave_out = False  # whether the next step may leave particles out
     unmet = 0  # steps whose outer iterations ended before their tolerance was met
     left_out = 0.0  # part of the particles that was left out of the steps, mean of all [-]
 
@@ -127,6 +128,7 @@ def initial_state(problem) -> dict:
     scene = problem.scene
     start = scene.start
     start["kind"] = np.full(len(start["x"]), FLUID)
+    start["structure"] = problem.initial_structure(start["mix"])
     if not problem.wall_particles:
         return start
     wall = np.asarray(scene.wall_particles, float)
@@ -135,5 +137,6 @@ def initial_state(problem) -> dict:
         "x": np.vstack([start["x"], wall]),
         "u": np.vstack([start["u"], np.zeros_like(wall)]),
         "mix": np.concatenate([start["mix"], np.zeros(len(wall))]),
+        "structure": np.concatenate([start["structure"], np.zeros(len(wall))]),
         "kind": np.concatenate([start["kind"], np.where(depth < scene.spacing, WALL, DUMMY)]),
     }

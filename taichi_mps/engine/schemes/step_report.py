@@ -19,8 +19,8 @@ class StepReport:
     dt : float
         Length [s].
     dt_limit : str
-        What bounded it: Courant, diffusion, growth, maximum, first or end (of the run, or where a prescribed motion or
-        inflow changes).
+        What bounded it: Courant, diffusion, growth, maximum, first or end (where a prescribed motion or inflow
+        changes).
     max_speed : float
         Largest speed of a particle [m/s].
     mean_speed : float

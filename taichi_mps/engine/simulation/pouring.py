@@ -14,6 +14,7 @@ class Pouring:
         self.spacing, self.start = scene.spacing, inlet.start
         self.layer = scene.inlet_layer(inlet)  # (m, d) [m]
         self.mix = scene.mix_of(inlet)
+        self.structure = scene.materials[self.mix].initial_structure
         self.inlet = inlet
         self.speed = float(np.linalg.norm(inlet.fastest(scene.spacing)))  # [m/s]
         self.layers = inlet.layers(scene.spacing)
@@ -50,7 +51,7 @@ class Pouring:
         if self.due(time):
             layer = self.enter(time, particles.x.to_numpy()[: particles.number])
             if layer is not None:
-                particles.append(layer, self.inlet.velocity(self.spacing, time), self.mix)
+                particles.append(layer, self.inlet.velocity(self.spacing, time), self.mix, self.structure)
         return self.speed if self.entered and not done else 0.0
 
     @property

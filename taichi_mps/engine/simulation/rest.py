@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...units import INSTANT
+
 NEGLIGIBLE_PATH = 1.0 / 600.0  # remaining path of a body at rest over its height: 0.5 mm of a slump cone
 FOLD = math.e  # by this factor the speed must fall for a decay to be known, or rise for another motion
 PAUSE = 1.15  # times sqrt(H/g), 0.2 s of a slump cone: for so long hardly a way must have been left
@@ -56,16 +58,17 @@ class Rest:
         sqrt(H/g). Always False for a mix without true yield stress, and before the last change of gravity and walls."""
         if not sim.problem.rests:
             return False
-        if (
-            sim.time < sim.scene.last_change
-            or self.remaining_path(sim) > NEGLIGIBLE_PATH * sim.problem.height
-            or pushed(sim)
-        ):
+        if self.remaining_path(sim) > NEGLIGIBLE_PATH * sim.problem.height or pushed(sim):
             self.since = None
-            return False
-        if self.since is None:
+        elif self.since is None:
             self.since = sim.time
-        return sim.time - self.since >= PAUSE * sim.problem.fall_time
+        return self.lasting(sim, sim.scene.last_change) >= 0.0
+
+    def lasting(self, sim, start: float = 0.0) -> float:
+        """Time [s], from a ``start`` on [s], for which the body has been at rest: the remaining displacement negligible
+        for longer than a pause. Negative before it is."""
+        since = math.inf if self.since is None else max(self.since, start)
+        return sim.time - since - PAUSE * sim.problem.fall_time
 
     def remaining_path(self, sim) -> float:
         """Remaining displacement [m]."""
@@ -85,6 +88,10 @@ class Rest:
 
 def pushed(sim) -> bool:
     """Whether a moving wall touches the fluid: a body in a mould is at rest only after the mould is gone."""
-    walls = [wall for wall in sim.scene.walls if wall.travels_at(sim.time)]
+    walls = [
+        wall
+        for wall in sim.scene.walls
+        if wall.travels_at(sim.time) and np.any(wall.mean_velocity(sim.time, sim.time + INSTANT))
+    ]
     x = sim.particles.read()["x"] if walls else None
     return any(np.abs(wall.distance(x, sim.time)).min() < sim.walls.effective_radius for wall in walls)

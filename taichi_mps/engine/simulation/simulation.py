@@ -27,7 +27,7 @@ from .grain_state import GrainState
 from .memory import pairs_of, require_memory
 from .pouring import Pouring
 from .rest import Rest
-from .snapshot import crossing, snapshot
+from .snapshot import crossing, of_state, snapshot
 
 SCHEMES = {"implicit": ImplicitScheme, "semi-implicit": SemiImplicitScheme}
 FREE_FALL_RATIO = 1.2  # maximum over inlet speed above which a jet is in free fall: too loose to judge the volume error
@@ -82,7 +82,7 @@ class Simulation:
         self._pairs_per_particle = pairs_of(scene)
         self.pouring = tuple(Pouring(scene, inlet) for inlet in scene.inlets)
         self._build()
-        self.time, self.steps = 0.0, 0
+        self._time, self.steps = 0.0, 0
         self.report: StepReport | None = None
         self._interrupted = self._compiled = False
         self._last_dt = None
@@ -94,6 +94,8 @@ class Simulation:
         self.problem, self.scene, self.numerics = problem, problem.scene, problem.numerics
         self._schedules, self._each_step, self.stopped_by = [], [], None
         self._last_frame = None  # last complete frame, for interpolation
+        # state before the step that passes the time limit of ``run``, and that limit [s] once it is passed
+        self._before = self._passed = None
         self._clock = time.process_time(), time.perf_counter()
         self.compile_seconds = self.cpu_seconds = self.wall_seconds = 0.0
 
@@ -134,12 +136,13 @@ class Simulation:
             If the fluid has reached an edge of the domain.
         """
         cpu = time.process_time()
+        self._passed = None
         until = math.inf if until is None else self._later(until)
         if not self._compiled:
             require_thread()
         dt, limit = self._choose_time_step(self._pour(), until)
         report = self._advance(dt, limit == "end")
-        self.time, self.steps = self.time + dt, self.steps + 1
+        self._time, self.steps = self.time + dt, self.steps + 1
         jet = max((pouring.speed for pouring in self.pouring if pouring.entered), default=math.inf)
         is_known = self.scheme.diagnostics.enclosed > MIN_ENCLOSED_FRACTION and report.max_speed < FREE_FALL_RATIO * jet
         worst = max(self.report.volume_error_max if self.report else 0.0, is_known * abs(report.volume_error))
@@ -147,6 +150,7 @@ class Simulation:
         self._require_sound()
         if self.all_active or report.moving_speed > 0.0:  # a step in which all was set aside tells nothing
             self.rest.observe(report.moving_speed, self.time)
+        self.rest.reached(self)  # which notes since when
         self._count_seconds(cpu)
         return self.report
 
@@ -167,17 +171,18 @@ class Simulation:
 
     def _limits(self, jet) -> dict[str, float]:
         """Return what bounds the next step [s], by name, beside a jet of this speed [m/s]."""
-        frame, acceleration = self.problem.frame, math.inf
+        frame, acceleration, at_rest = self.problem.frame, math.inf, 0.0
         if self.report:
             speed, acceleration = self.report.max_speed, self.report.acceleration
+            at_rest = self.rest.lasting(self) if jet == 0.0 else 0.0
             if any(part.changes(self.time) for part in self.scene.in_time):
-                acceleration = math.inf  # the value of the last step does not apply
+                acceleration, at_rest = math.inf, 0.0  # the values of the last step do not apply
         if not self.report or np.any(frame):
             speed = float(np.linalg.norm(self.particles.read()["u"] - frame, axis=1).max())
         speed = max(speed, self.problem.wall_speed_at(self.time), jet + float(np.linalg.norm(frame)) * (jet > 0.0))
         if self.scene.jolts_at(self.time):
             speed += self.scene.jolted(self.particles.read()["x"], self.time)
-        limits = self.scheme.time_step_limits(Speeds(speed, acceleration, self.rest.fold, self.time))
+        limits = self.scheme.time_step_limits(Speeds(speed, acceleration, self.rest.fold, self.time, at_rest))
         if self._last_dt is not None:
             limits["growth"] = 2.0 * self._last_dt
         return limits
@@ -246,6 +251,11 @@ class Simulation:
         else:
             self.cpu_seconds += time.process_time() - cpu
         self.wall_seconds = time.perf_counter() - self._clock[1]
+
+    @property
+    def time(self) -> float:
+        """Time [s]: end of the last step, or the time limit at which ``run`` stopped, which lies in that step."""
+        return self._time if self._passed is None else self._passed
 
     @property
     @in_session
@@ -321,6 +331,10 @@ class Simulation:
     def run(self, until: Instant | None = None) -> str:
         """Step until a time or rest.
 
+        Steps don't end for the time limit: the run stops after the step that passes it. Time, snapshot, measures and
+        facts are then those at the limit, interpolated; ``state``, a checkpoint and the next ``run`` go on from the
+        step before, as if there had been no limit.
+
         Parameters
         ----------
         until : float, optional
@@ -346,13 +360,19 @@ class Simulation:
             If the volume was not kept.
         """
         until = float(self.scene.until if until is None else until)
-        self.stopped_by = None
+        self.stopped_by = "time" if self.time >= until - INSTANT else None
+        if self._passed is not None and self.stopped_by is None:
+            self.load(self._before)
         self._output()
-        if self.time >= until - INSTANT:
-            self.stopped_by = "time"
         while self.stopped_by is None:
-            self.step(until)
-            self._why_stop(until)  # notes since when the body rests, which a checkpoint of this step must know
+            # the step may pass the limit, or be followed by others up to it that leave particles out
+            if self.all_active and (
+                self.time + 2.0 * (self._last_dt or math.inf) >= until or self.scheme.may_leave_out
+            ):
+                self._before = self.state()
+            self.step()
+            if self.time > until + INSTANT and self.all_active:
+                self._passed = until
             self._output()
             for callback in self._each_step:
                 callback(self)
@@ -374,19 +394,19 @@ class Simulation:
             interval, callback, done = schedule
             number = math.floor(self.time / interval + 1e-6)
             on_time = abs(self.time - number * interval) < INSTANT
-            schedule[2] = number
+            schedule[2] = max(number, done)
             if number > done and (done >= 0 or on_time):
                 callback(now if on_time else interpolate(self._last_frame, now, number * interval))
             if last and not on_time:
                 callback(now)
-        self._last_frame = now
+        self._last_frame = now if self._passed is None else self._last_frame
 
     def _why_stop(self, until) -> str | None:
         unyielded, at_rest = self.numerics.unyielded_stop, self.scene.stop_at_rest
         rests = at_rest and unyielded is None and self.rest.reached(self)  # asked after each step: it notes since when
         reasons = {
             "interrupted": self._interrupted,
-            "time": self.time >= until - INSTANT,
+            "time": self.time >= until - INSTANT and self.all_active,
             "unyielded": at_rest
             and unyielded
             and self.time > max(0.05, self.scene.last_change)
@@ -405,7 +425,11 @@ class Simulation:
         Snapshot
             Computed part; ``scene.unfold`` completes it to the whole body.
         """
-        return snapshot(self)
+        now = snapshot(self)
+        if self._passed is not None:
+            before, now = of_state(self._before, now.spacing), replace(now, time=self._time)
+            now = interpolate(Frame(self.scene, before), Frame(self.scene, now), self._passed).state
+        return now
 
     def measures(self) -> dict[str, float]:
         """Return what the scene measures of the whole body now.
@@ -439,9 +463,10 @@ class Simulation:
         Returns
         -------
         dict
-            Arrays by row, and scalars.
+            Arrays by row, and scalars; after a time limit of ``run`` those before the step that passed it.
         """
-        report = asdict(self.report) if self.report else None
+        if self._passed is not None:
+            return self._before
         return {
             **self.particles.read(),
             **self.neighbors.state(),
@@ -449,7 +474,7 @@ class Simulation:
             "steps": self.steps,
             "last_dt": self._last_dt,
             "rest": asdict(self.rest),
-            "report": report,
+            "report": asdict(self.report) if self.report else None,
             **({"pouring": [[pouring.entered, pouring.delay] for pouring in self.pouring]} if self.pouring else {}),
             **self.scheme.state(),
         }
@@ -490,7 +515,8 @@ class Simulation:
         count, room = len(carried["x"]), self.particles.capacity
         require(count <= room, f"state: has {count} particles; must be of this scene, at most {room}")
         self.particles.load(carried)
-        self.time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
+        self._passed = None
+        self._time, self.steps, self._last_dt = state["time"], state["steps"], state["last_dt"]
         self.report = StepReport(**state["report"]) if state["report"] else None
         self.rest = Rest(**state["rest"])
         for pouring, carried in zip(self.pouring, state.get("pouring", []), strict=True):

@@ -1,11 +1,13 @@
 """Snapshot of the fluid of a simulation, and the edge of the domain that it has crossed."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..geometry.walls import Plane
 from ..particles.particles import FLUID
 from ..problem.loads import AXES, Load
-from ..problem.measures import Snapshot
+from ..problem.measures import Snapshot, still
 
 
 def snapshot(sim) -> Snapshot:
@@ -14,8 +16,7 @@ def snapshot(sim) -> Snapshot:
     rows = sim.particles.read()
     rows |= sim.scheme.fields_to_read(len(rows["id"]))
     rows["n"] = sim.scheme.fluid.gradient.density_ratio()
-    fluid = np.flatnonzero(rows["kind"] == FLUID)
-    order = fluid[np.argsort(rows["id"][fluid])]
+    order = fluid_by_id(rows)
     return Snapshot(
         time=sim.time,
         spacing=sim.scene.spacing,
@@ -31,6 +32,18 @@ def snapshot(sim) -> Snapshot:
         grain=sim.scheme.rigid.of_members[rows["slot"][order]] if "slot" in rows else None,
         loads=loads(sim.scene, rows, order) if sim.problem.wall_loads else {},
     )
+
+
+def fluid_by_id(rows: dict) -> np.ndarray:
+    """Rows of the fluid, ordered by id."""
+    fluid = np.flatnonzero(rows["kind"] == FLUID)
+    return fluid[np.argsort(rows["id"][fluid])]
+
+
+def of_state(state: dict, spacing: float) -> Snapshot:
+    """Places and velocities of the fluid in a state, in which nothing else is known."""
+    order = fluid_by_id(state)
+    return replace(still(state["x"][order], spacing), time=state["time"], u=state["u"][order])
 
 
 def loads(scene, rows, order) -> dict[str, Load]:
