@@ -206,7 +206,7 @@ class Problem:
         ndarray, shape (n,)
             Structures [-].
         """
-        return np.array([material.initial_structure for material in self.materials])[np.asarray(mix, int)]
+        return np.array([material.initial_structure for material in self.scene.materials])[np.asarray(mix, int)]
 
     def facts(self) -> dict:
         """Return what is known before a run starts.
