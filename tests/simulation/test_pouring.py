@@ -113,6 +113,7 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
         steps[:] = [(sim.time, sim.fluid_particles)]
         for limit in limits:
             assert sim.run(until=limit) == "time"
+        sim.load(sim.state())  # of the step before the limit
         sim.rest.reached = lambda _: True
         assert sim.run(until=10.0) == "rest"  # which is no end while concrete is to come
         assert all(pouring.done for pouring in sim.pouring) and steps[-1][1] > steps[-2][1]

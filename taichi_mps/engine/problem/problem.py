@@ -193,7 +193,7 @@ class Problem:
         poured = sum(inlet.rate for inlet in scene.inlets) / scene.spacing ** (scene.dimension - 1)
         return RUNAWAY * self.expected_speed + travel * gap + poured
 
-    def initial_structure(self, mix) -> np.ndarray:
+    def initial_structure(self, mix: np.ndarray) -> np.ndarray:
         """Return the structure at the start.
 
         Parameters
