@@ -28,6 +28,9 @@ MEASURED = "slump_m", "spread_m"  # measures that are columns of every history
 # Bingham fluid with tau_y D/(eta U) = 10 [%]: beside the exact drag, and beside bars four particles thick, in square
 # arrays 8 to 20 bars wide (tests/boundaries/test_thin_bars.py)
 THIN, TOO_LITTLE, TOO_MUCH = (0.4, 0.64, 1.0), (5.0, 11.0, 10.0), (31.0, 15.0, 6.0)
+PASSING = "grains_number", "grains_passed_number", "mortar_passed_ratio"
+# share of the grains beyond, over that of the mortar, below which they block; share that is taken for nothing
+BLOCKS, NOTHING = 0.5, 0.01
 # names of parts of a run other than their keys
 PARTS = {"ready": "making ready", "pictures": "last pictures", "report": "pictures and report"}
 
@@ -35,7 +38,7 @@ PARTS = {"ready": "making ready", "pictures": "last pictures", "report": "pictur
 def answer(summary: dict) -> list[str]:
     """Sentences on the flow of a run: its results, the reason of its end, doubts, expected errors."""
     known = [*doubts(summary), *thin_solids(summary), *grains(summary), certainty(summary)]
-    return [measured(summary), ending(summary), *known]
+    return [measured(summary), *passing(summary), ending(summary), *known]
 
 
 def closing(summary: dict, folder) -> list[str]:
@@ -110,6 +113,21 @@ def grains(summary) -> list[str]:
     taken = f"take {100.0 * found['volume_fraction']:.1f} % of the volume"
     mortar = "the mix is the mortar between them, not the concrete"
     return [f"{found['number']:,} rigid grains of {sizes} mm {taken}; {mortar}."]
+
+
+def passing(summary) -> list[str]:
+    """Sentence on whether the grains pass, in a scene that has something to pass: they block where their share beyond
+    is less than half of that of the mortar."""
+    whole, passed, mortar = (summary.get(name) for name in PASSING)
+    if passed is None or mortar is None or not whole:
+        return []
+    verdict = "Blocks" if passed / whole < BLOCKS * mortar else "Passes"
+    if max(passed / whole, mortar) < NOTHING:
+        verdict = "Nothing passes"
+    text = f"{verdict}: {passed:.0f} of {whole:.0f} grains pass, the mortar follows at {100.0 * mortar:.0f} %."
+    if (summary.get("grains") or {}).get("shape") == "disc":
+        return [f"{text} Discs in a plane arch otherwise than spheres: it tells no probability of a jam."]
+    return [f"{text} A jam is a statistic: other seeds may tell otherwise."]
 
 
 def certainty(summary) -> str:
