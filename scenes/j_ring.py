@@ -1,7 +1,7 @@
 """J-ring test (EN 12350-12): slump flow through a ring of bars; the step between inside and outside.
 
 Source: ring 300 mm, bars of 18 mm, 16 (gap 41 mm) or 12 (gap 59 mm), 125 mm high: from memory, fairly sure. The cone is
-that of the slump test, gone at once. Blocking step: mean depth within 50 mm of the axis less that just outside the ring.
+that of the slump test, gone at once. Blocking step: mean depth within 50 mm of the axis, less that just outside.
 Run time: about 20 CPU-seconds at the default spacing, on a busy machine, and up to 20 s to compile.
 """
 
@@ -46,7 +46,12 @@ def scene(
     places = ring * np.stack([np.cos(angles), np.sin(angles)], -1)
     reach = 2.5 * spacing
     solid = mps.Solid.bars(
-        places[: bars // 4 if quarter else bars], thick, (-reach, ring_height), min(0.5 * spacing, 0.4 * thick), reach, name="bars"
+        places[: bars // 4 if quarter else bars],
+        thick,
+        (-reach, ring_height),
+        min(0.5 * spacing, 0.4 * thick),
+        reach,
+        name="bars",
     )
     walls = (*cone.walls, solid)
     circle = np.linspace(0.0, 2.0 * np.pi, 73)

@@ -98,7 +98,8 @@ def scene(
         spacing=spacing,
         fluid=fluid,
         walls=walls,
-        domain=((-reach, first - reach, -reach), (far + reach, half + reach, 2.2 * height)),  # the far wall throws drops up
+        # the far wall throws drops up
+        domain=((-reach, first - reach, -reach), (far + reach, half + reach, 2.2 * height)),
         until=until,
         stop_at_rest=True,
         measure=measure,

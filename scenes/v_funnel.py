@@ -29,9 +29,9 @@ def scene(
     until: Duration = 8.0,
     model: Literal["quarter", "full"] = "quarter",
 ) -> mps.Scene:
-    """Funnel filled to the brim above a rough floor; a quarter of it between two mirror planes, or all. ``top`` and ``outlet``
-    are lengths of the openings, ``taper`` and ``spout`` heights, ``fall`` the height above the floor [m]. The
-    sides have no friction, or are rough and then hold back a layer a spacing thick; steel is between the two."""
+    """Funnel filled to the brim above a rough floor; a quarter of it between two mirror planes, or all. ``top`` and
+    ``outlet`` are lengths of the openings, ``taper`` and ``spout`` heights, ``fall`` the height above the floor [m].
+    The sides have no friction, or are rough and then hold back a layer a spacing thick; steel is between the two."""
     if not outlet < top:
         raise mps.SceneError(f"outlet = {outlet:g} m: must be less than top = {top:g} m")
     if min(outlet, thickness) < 4.0 * spacing:

@@ -362,4 +362,10 @@ def chart(arguments) -> int:
     return tell(arguments, {"picture": str(made)}, made)
 
 
-COMMANDS = {"sweep": sweep_command, "calibrate": calibrate_command, "chart": chart, "require": require_command, "mortar": mortar}
+COMMANDS = {
+    "sweep": sweep_command,
+    "calibrate": calibrate_command,
+    "chart": chart,
+    "require": require_command,
+    "mortar": mortar,
+}

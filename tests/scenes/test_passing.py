@@ -1,4 +1,4 @@
-"""Scenes with grains: whole bodies, the slice of the L-box, and what is counted beyond bars and by height. No kernels."""
+"""Scenes with grains: whole bodies, the slice of the L-box, what is counted beyond bars and by height. No kernels."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ import taichi_mps as mps
 from taichi_mps.cli import main as cli
 from taichi_mps.engine.problem.measures import still
 from taichi_mps.input import catalogue
-from taichi_mps.report.sentences import answer, passing
+from taichi_mps.report.sentences import passing
 
 CUBE = 0.01 * (np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3))  # a grain of eight particles [m]
 

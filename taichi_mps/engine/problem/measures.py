@@ -753,7 +753,7 @@ def grains(s: InstanceOf[Snapshot], beyond: InstanceOf[Callable] | None = None) 
     heights = (centres[:, -1] - floor) / (tops[column[member][highest]] - floor)
     thirds = np.bincount(np.clip((3.0 * heights).astype(int), 0, 2), minlength=3) / len(centres)
     found = {"grains_number": float(len(centres))}
-    found |= {f"grains_{third}_ratio": float(v) for third, v in zip(("bottom", "middle", "top"), thirds, strict=True)}
+    found |= {f"grains_{third}_ratio": float(thirds[k]) for k, third in ((2, "top"), (1, "middle"), (0, "bottom"))}
     if beyond:
         mortar = s.size**d * ~member
         found["grains_passed_number"] = float(np.count_nonzero(beyond(centres)))

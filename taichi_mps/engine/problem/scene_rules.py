@@ -182,7 +182,9 @@ def grains_are_supported(scene):
         "rings, which would cut them; must be the whole body, axisymmetric = False": scene.axisymmetric,
         "a jolt; must be a scene without, as slump": scene.jolts,
         "a wall with friction; must be without": any(wall.friction for wall in scene.walls),
-        "a unilateral wall, such as a mould that is lifted; must be without, gone at 0 s": any(wall.loose for wall in scene.walls),
+        "a unilateral wall, such as a mould that is lifted; must be without, gone at 0 s": any(
+            wall.loose for wall in scene.walls
+        ),
     }.items():
         require(not there, f"grains: the scene has {what}")
     require(
