@@ -71,6 +71,7 @@ def scene(
     if count:
         across = -half + clear + 0.5 * diameter + (clear + diameter) * np.arange(count)
         places = [(x, y) for y in across if y > -1e-9 or model != "half"]
+        places += [(x, -width), (x, width)] if is_slice else []  # images: a grain in the gap is between two
         walls += (mps.Solid.bars(places, 0.5 * diameter, (-reach, OPENING), 0.4 * diameter, reach, name="bars"),)
         outline = tuple(
             np.array([[x + dx, y, 0.0], [x + dx, y, OPENING]])

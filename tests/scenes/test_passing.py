@@ -80,8 +80,8 @@ def test_the_slice_of_the_box_is_a_bar_and_the_gap_of_the_standard(bars, gap):
     assert slice_of.periodic == (False, True, False) and width / 0.008 == pytest.approx(round(width / 0.008))
     assert abs(width - gap - 0.012) < 0.004 + 1e-12  # half a particle
     rod = slice_of.walls[-1]
-    beside = np.array([[0.15, 0.5 * width - 0.015, 0.05]])  # 15 mm from the middle of the gap
-    assert rod.distance(beside)[0] == pytest.approx(0.5 * gap - 0.015, abs=4e-4)  # by its grid
+    beside = np.array([[0.15, 0.5 * width + y, 0.05] for y in (-0.015, 0.015)])  # between the bar and its image
+    assert rod.distance(beside) == pytest.approx(np.full(2, 0.5 * gap - 0.015), abs=4e-4)  # by its grid
     assert not any(isinstance(wall, mps.Plane) and wall.normal[1] for wall in slice_of.walls)
     assert len(slice_of.fluid) / width == pytest.approx(len(box.fluid) / 0.2)
 
