@@ -86,11 +86,20 @@ def test_the_slice_of_the_box_is_a_bar_and_the_gap_of_the_standard(bars, gap):
     assert len(slice_of.fluid) / width == pytest.approx(len(box.fluid) / 0.2)
 
 
-def test_the_verdict_on_what_passes():
-    found = {"grains_number": 210.0, "grains_passed_number": 3.0, "mortar_passed_ratio": 0.15}
-    assert passing(found)[0].startswith("Blocks: 3 of 210 grains pass, the mortar follows at 15 %.")
-    assert passing(found | {"grains_passed_number": 20.0})[0].startswith("Passes: 20 of 210")
-    assert passing(found | {"grains_passed_number": 0.0, "mortar_passed_ratio": 0.004})[0].startswith("Nothing passes")
+@pytest.mark.parametrize(
+    ("grains", "passed", "mortar", "verdict"),
+    [
+        (210, 3, 0.15, "Blocks: 3 of 210 grains pass, the mortar follows at 15 %."),
+        (210, 20, 0.15, "Passes: 20 of 210"),
+        (40, 0, 0.15, "Blocks"),  # 0.85^40, 0.0015
+        (10, 0, 0.34, "Not decided"),  # 0.66^10, 0.016
+        (210, 0, 0.004, "Nothing passes"),
+    ],
+)
+def test_the_verdict_on_what_passes(grains, passed, mortar, verdict):
+    found = {"grains_number": float(grains), "grains_passed_number": float(passed), "mortar_passed_ratio": mortar}
+    assert passing(found | {"parameters": {"bars": 16}})[0].startswith(verdict)
+    assert passing(found)[0].startswith(f"{passed} of {grains} grains are beyond the opening")
     assert "no probability" in passing(found | {"grains": {"shape": "disc"}})[0]
     assert passing({"grains_number": 4.0}) == []
 
