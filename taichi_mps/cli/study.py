@@ -1,4 +1,4 @@
-"""The commands sweep, require, calibrate and chart of the command line."""
+"""The commands sweep, require, calibrate, mortar and chart of the command line."""
 
 import json
 import math
