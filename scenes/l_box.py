@@ -10,14 +10,14 @@ Run time: about one and a half CPU-minutes at the default spacing, on a busy mac
 import math
 import sys
 from dataclasses import replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.input import catalogue
-from taichi_mps.units import Duration, Length, Speed
+from taichi_mps.units import Duration, Length, Only, Speed
 
 # depth, height, diameter, centre in front of the column [m]
 COLUMN, OPENING, BAR_DIAMETER, BAR_POSITION = 0.1, 0.15, 0.012, 0.05
@@ -32,32 +32,51 @@ def scene(
     length: Length = Field(0.7, description="length of the vessel"),
     width: Length = Field(0.2, description="width of the vessel"),
     height: Length = Field(0.6, description="height of the column of concrete"),
-    sides: Literal["smooth", "rough"] = "smooth",
+    sides: Annotated[Literal["smooth", "rough"], Only("model", ("half", "full"))] = "smooth",
     lift_speed: Speed | None = None,
     until: Duration = 4.0,
-    model: Literal["half", "full"] = "half",
+    model: Literal["half", "full", "slice"] = "half",
 ) -> mps.Scene:
-    """The vessel of l_flow with a far wall at ``length`` [m] and upright bars, evenly spaced, behind the gate."""
+    """The vessel of l_flow with a far wall at ``length`` [m] and upright bars, evenly spaced, behind the gate. Model
+    slice is one bar and its gap, without side walls, periodic across: as wide as the next whole number of particles, by
+    which the bar is thinner or thicker than 12 mm; the gap is that of the box."""
     if not length > COLUMN + 2 * BAR_POSITION:
         raise mps.SceneError(
             f"length = {length:g} m: must be greater than {COLUMN + 2 * BAR_POSITION:g} m, column and bars"
         )
-    keywords = dict(spacing=spacing, width=width, sides=sides, lift_speed=lift_speed, until=until, model=model)
+    count, diameter, is_slice = 0 if bars == "none" else int(bars), BAR_DIAMETER, model == "slice"
+    clear = (width - count * BAR_DIAMETER) / (count + 1)
+    if is_slice:
+        if not count:
+            raise mps.SceneError("bars = none: must be 2 or 3 of model = slice, which is one bar and its gap")
+        width, count = round((clear + BAR_DIAMETER) / spacing) * spacing, 1
+        diameter, clear = width - clear, 0.5 * clear  # on either side
+        if not 0.5 * BAR_DIAMETER < diameter < 1.5 * BAR_DIAMETER:
+            raise mps.SceneError(f"spacing = {spacing:g} m: leaves a bar of {diameter:g} m; must be smaller")
+    whole = "full" if is_slice else model
+    keywords = dict(spacing=spacing, width=width, sides=sides, lift_speed=lift_speed, until=until, model=whole)
     keywords |= dict(column_height=height, opening=OPENING, channel_length=length - COLUMN)
     vessel = catalogue.build("l_flow", **keywords, **material.model_dump())
-    walls, outline, count, half = vessel.walls, (), 0 if bars == "none" else int(bars), 0.5 * width
-    x, reach = COLUMN + BAR_POSITION, 2.5 * spacing
-    if count:
-        clear = (width - count * BAR_DIAMETER) / (count + 1)
-        across = -half + clear + 0.5 * BAR_DIAMETER + (clear + BAR_DIAMETER) * np.arange(count)
-        places = [(x, y) for y in across if y > -1e-9 or model == "full"]
-        walls += (
-            mps.Solid.bars(places, 0.5 * BAR_DIAMETER, (-reach, OPENING), 0.4 * BAR_DIAMETER, reach, name="bars"),
+    half, outline, x, reach = 0.5 * width, (), COLUMN + BAR_POSITION, 2.5 * spacing
+    if is_slice:
+        low, high = vessel.domain
+        vessel = replace(
+            vessel,
+            walls=tuple(wall for wall in vessel.walls if not (isinstance(wall, mps.Plane) and wall.normal[1])),
+            domain=((low[0], -half, low[2]), (high[0], half, high[2])),
+            periodic=(False, True, False),
+            wall_particles=None,
         )
+    walls = vessel.walls
+    if count:
+        across = -half + clear + 0.5 * diameter + (clear + diameter) * np.arange(count)
+        places = [(x, y) for y in across if y > -1e-9 or model != "half"]
+        places += [(x, -width), (x, width)] if is_slice else []  # images: a grain in the gap is between two
+        walls += (mps.Solid.bars(places, 0.5 * diameter, (-reach, OPENING), 0.4 * diameter, reach, name="bars"),)
         outline = tuple(
             np.array([[x + dx, y, 0.0], [x + dx, y, OPENING]])
             for y in across
-            for dx in (-0.5 * BAR_DIAMETER, 0.5 * BAR_DIAMETER)
+            for dx in (-0.5 * diameter, 0.5 * diameter)
         )
 
     def depth(s, end):
@@ -70,7 +89,8 @@ def scene(
     def measure(s):
         h1, h2 = depth(s, COLUMN), depth(s, length)
         front, ratio = mps.measure.front(s)["front_m"], h2 / h1 if h1 > 0.0 else np.nan
-        return {"front_m": front, "h1_m": h1, "h2_m": h2, "passing_ratio": ratio}
+        passing = mps.measure.grains(s, lambda at: at[:, 0] > x + 0.5 * diameter)
+        return {"front_m": front, "h1_m": h1, "h2_m": h2, "passing_ratio": ratio, **passing}
 
     def over_time(history):
         """Times at which the front is 200 and 400 mm from the column."""
@@ -87,7 +107,7 @@ def scene(
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall or a bar"
         assert 0.0 <= measures["h2_m"] < height and measures["h1_m"] < height + spacing, measures
         if material.yields and not material.ages and s.speed.max() < 0.01:
-            area = len(vessel.fluid) * spacing**3 / (width if model == "full" else half)
+            area = len(vessel.fluid) * spacing**3 / (half if model == "half" else width)
             between = width if sides == "rough" else None
             at, h = mps.rest_shapes.channel_at_rest(area, material.density, material.yield_value, between, length)
             h1, h2 = np.interp([COLUMN - 0.5 * RULE, length - 0.5 * RULE], at, h, right=0.0)

@@ -84,6 +84,7 @@ def scene(
         return {
             "flow_m": mps.measure.front(s)["front_m"] - column_depth,
             "drop_m": column_height - mps.measure.level(s, low[: s.x.shape[1] - 1], high[: s.x.shape[1] - 1]),
+            **mps.measure.grains(s, lambda x: x[:, 0] > column_depth),
         }
 
     def over_time(history):

@@ -117,9 +117,10 @@ def scene(
     known = lift_speed is None and standard and usual and 100.0 <= material.yield_value <= 1000.0
 
     def measure(snapshot):
-        """Slump and slump flow; as long as nothing has moved, those of the mould."""
+        """Slump and slump flow; as long as nothing has moved, those of the mould. Where the grains are."""
         filled = {"slump_m": 0.0, "slump_max_m": 0.0, "spread_m": base_diameter}
         found = mps.measure.slump(snapshot, height=height, axis_radius=0.2 * top_diameter)
+        found |= mps.measure.grains(snapshot)
         return found | filled if snapshot.time == 0.0 and not snapshot.speed.any() else found
 
     def check(snapshot, measures):

@@ -27,11 +27,11 @@ def scene(
     fall: Length = Field(0.15, description="height of the outlet above the floor"),
     sides: Literal["rough", "smooth"] = "rough",
     until: Duration = 8.0,
-    model: Literal["quarter"] = "quarter",
+    model: Literal["quarter", "full"] = "quarter",
 ) -> mps.Scene:
-    """Funnel filled to the brim above a rough floor; a quarter of it between two mirror planes. ``top`` and ``outlet``
-    are lengths of the openings, ``taper`` and ``spout`` heights, ``fall`` the height above the floor [m]. The
-    sides have no friction, or are rough and then hold back a layer a spacing thick; steel is between the two."""
+    """Funnel filled to the brim above a rough floor; a quarter of it between two mirror planes, or all. ``top`` and
+    ``outlet`` are lengths of the openings, ``taper`` and ``spout`` heights, ``fall`` the height above the floor [m].
+    The sides have no friction, or are rough and then hold back a layer a spacing thick; steel is between the two."""
     if not outlet < top:
         raise mps.SceneError(f"outlet = {outlet:g} m: must be less than top = {top:g} m")
     if min(outlet, thickness) < 4.0 * spacing:
@@ -40,6 +40,8 @@ def scene(
         )
     half, deep, height, reach = 0.5 * outlet, 0.5 * thickness, taper + spout, 2.5 * spacing
     wide, cell, slip = 0.5 * top, 0.5 * spacing, sides == "smooth"
+    full = model == "full"
+    low = -1.0 if full else 0.0  # where the computed part begins, over half of the funnel
 
     def at_height(z):
         """Half length [m] of the inside of the funnel, z [m] above its outlet."""
@@ -48,17 +50,25 @@ def scene(
     cheek = [(half, 0.0), (wide + 4 * spacing, 0.0), (wide + 4 * spacing, height), (wide, height), (half, spout)]
     face = [(deep, 0.0), (deep + 3 * spacing, 0.0), (deep + 3 * spacing, height + reach), (deep, height + reach)]
     mirrors = tuple(mps.Plane((0.0, 0.0, 0.0), normal, mirror=True) for normal in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
-    walls = (
-        mps.Plane((0.0, 0.0, -fall), (0.0, 0.0, 1.0)),
-        *mirrors,
-        mps.Solid.prism(cheek, cell, reach, (-reach, deep + reach), slip=slip),
-        mps.Solid.of(
-            lambda x: mps.polygon_distance(x[:, 1:], face),
-            (-reach, deep - reach, -reach), (wide + reach, deep + 3 * spacing + reach, height + reach), cell, slip=slip,
-        ),
-    )  # fmt: skip
+    mirrors = () if full else mirrors
+
+    def cheek_on(side):
+        """Tapered wall at the end of x of this sign."""
+        corners = [(side * x, z) for x, z in cheek][:: int(side)]
+        return mps.Solid.prism(corners, cell, reach, (low * deep - reach, deep + reach), slip=slip)
+
+    def face_on(side):
+        """Upright wall at the end of y of this sign."""
+        near, far = sorted((side * (deep - reach), side * (deep + 3 * spacing + reach)))
+        corners = (low * wide - reach, near, -reach), (wide + reach, far, height + reach)
+        return mps.Solid.of(lambda x: mps.polygon_distance(x[:, 1:] * (side, 1.0), face), *corners, cell, slip=slip)
+
+    signs = (1.0, -1.0) if full else (1.0,)
+    cheek_walls = [cheek_on(side) for side in signs]
+    walls = (mps.Plane((0.0, 0.0, -fall), (0.0, 0.0, 1.0)), *mirrors, *cheek_walls, *map(face_on, signs))
     box = mps.fill(mps.Box((-wide, -deep, 0.0), (wide, deep, height)), spacing, mirrors)
-    fluid = box[(box[:, 0] < at_height(box[:, 2])) & (walls[3].distance(box) > 0.3 * spacing)]
+    clear = np.min([wall.distance(box) for wall in cheek_walls], axis=0)
+    fluid = box[(np.abs(box[:, 0]) < at_height(box[:, 2])) & (clear > 0.3 * spacing)]
     rays = np.stack(np.meshgrid(*(np.linspace(-0.8, 0.8, 9) * h for h in (half, deep))), -1).reshape(-1, 2)
     edge = 0.5 * top + 0.5 * thickness + fall + height
 
@@ -69,7 +79,8 @@ def scene(
         inside = s.x[:, 2] > 0.0
         over = s.x[inside & (np.abs(s.x[:, 0]) < half + s.spacing)]
         free = [not np.any(np.hypot(*(over[:, :2] - ray).T) < 0.75 * s.spacing) for ray in rays]
-        return {"left_m3": float((s.size[inside] ** 3).sum()), "light_ratio": float(np.mean(free))}
+        found = {"left_m3": float((s.size[inside] ** 3).sum()), "light_ratio": float(np.mean(free))}
+        return found | mps.measure.grains(s, lambda x: x[:, 2] < 0.0)
 
     def over_time(history):
         """Time when light is seen through a twentieth of the outlet, and when half of the concrete has left."""
@@ -90,7 +101,7 @@ def scene(
     def check(s, measures):
         """Check that the concrete is in the funnel or above the floor, and not faster than an ideal fluid."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through a wall"
-        left = measures["left_m3"] / (4 * len(fluid) * spacing**3)
+        left = measures["left_m3"] / ((1 if full else 4) * len(fluid) * spacing**3)
         assert 0.0 <= left <= 1.0 and s.time > 0.9 * emptied(left) - 0.05, (s.time, left, emptied(left))
 
     return mps.Scene(
@@ -99,7 +110,7 @@ def scene(
         spacing=spacing,
         fluid=fluid,
         walls=walls,
-        domain=((-reach, -reach, -fall - reach), (edge, edge, height + 2 * reach)),
+        domain=((low * edge - reach, low * edge - reach, -fall - reach), (edge, edge, height + 2 * reach)),
         until=until,
         measure=measure,
         over_time=over_time,

@@ -44,6 +44,7 @@ EXAMPLES = {
     "calibrate": "calibrate --slump 18cm --slump-flow 32cm",
     "chart": "chart --out chart.png",
     "require": "require wall --filled 0.97",
+    "mortar": "mortar --yield-stress 300 --plastic-viscosity 50 --grains-volume 0.3",
     "info": "info renders/slump",
     "app": "app --folder renders",
 }

@@ -1,4 +1,4 @@
-"""The commands sweep, require, calibrate and chart of the command line."""
+"""The commands sweep, require, calibrate, mortar and chart of the command line."""
 
 import json
 import math
@@ -21,6 +21,7 @@ from ..io.run_folder import strict, write_whole
 from ..report.sentences import duration_text
 from ..study import calibrate as one_mix
 from ..study.calibrate import Measurements
+from ..study.mortar import Suspension
 from ..study.require import Wanted, find_borders, require_bingham, runs_to_expect
 from ..study.sweep import ACCURACY, CHOOSES, LOST, cases, sweep, wall_time
 from ..study.tables import measures
@@ -327,6 +328,19 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     return NOT_ALL_DONE if len(refused) == len(found) else DONE
 
 
+# ---- mortar ----------------------------------------------------------------------------------------------------
+@command(
+    "Constants of the mortar in a concrete of this yield stress and plastic viscosity, as a run with grains needs it, "
+    "and of the concrete that such a mortar makes.",
+    JSON,
+    {Suspension: ()},
+)
+def mortar(arguments) -> int:
+    """constants of mortar and concrete from each other"""
+    mix = Suspension(**given(arguments, Suspension))
+    return tell(arguments, mix.facts(), mix)
+
+
 # ---- chart -----------------------------------------------------------------------------------------------------
 @command(
     "Slump and slump flow against yield stress for the wall, with formulas and finite elements.",
@@ -345,4 +359,10 @@ def chart(arguments) -> int:
     return tell(arguments, {"picture": str(made)}, made)
 
 
-COMMANDS = {"sweep": sweep_command, "calibrate": calibrate_command, "chart": chart, "require": require_command}
+COMMANDS = {
+    "sweep": sweep_command,
+    "calibrate": calibrate_command,
+    "chart": chart,
+    "require": require_command,
+    "mortar": mortar,
+}

@@ -313,6 +313,8 @@ class Calibration(Mix):
             f"{NAMES[name]} " + (f"{100.0 * (by - 1.0):+.1f} %" if is_time(name) else f"{1e3 * by:+.1f} mm")
             for name, by in self.finer.items()
         )
+        if self.fits:
+            lines.append("with grains        'taichi-mps mortar' tells the constants of the mortar between them")
         if self.finer:
             lines.append(f"the finer run      {differences} beside the table; the constants are corrected by it")
         ends = ", ".join(f"{in_words(name)} {self.constants[name].table_range()}" for name in self.at_the_edge)

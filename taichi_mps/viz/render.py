@@ -63,6 +63,7 @@ TITLE_MEASURES = {  # shown in cm
     "h1_m": "H1",
     "h2_m": "H2",
     "step_m": "step",
+    "blocking_step_m": "step",
 }
 VIRIDIS = np.array(
     [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99)]

@@ -195,7 +195,7 @@ def test_the_step_of_the_ring():
     angle = 0.1 * np.arange(70)
     body = measure.still(np.column_stack([radii * np.cos(angle), radii * np.sin(angle), 0.0 * angle]), 0.01)
     inside, outside = 40e-6 / (math.pi * 0.05**2), 30e-6 / (math.pi * (0.184**2 - 0.159**2))
-    assert scene.measure(body)["step_m"] == pytest.approx(inside - outside, rel=1e-9)
+    assert scene.measure(body)["blocking_step_m"] == pytest.approx(inside - outside, rel=1e-9)
     bars = scene.walls[-1]
     axis, gap = (np.array([[0.15 * math.cos(a), 0.15 * math.sin(a), 0.05]]) for a in np.radians([11.25, 22.5]))
     assert bars.distance(axis) < -0.006  # the tip of a sampled cone is blunt

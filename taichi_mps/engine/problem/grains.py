@@ -139,6 +139,7 @@ class Grains:
         return {
             "diameters_m": self.diameters.tolist(),
             "number": int(number.max(initial=0)),
+            "shape": "disc" if d == 2 else "sphere",
             "volume_fraction": float((number > 0).mean()),
             "density": self.density,
             "friction": self.friction,

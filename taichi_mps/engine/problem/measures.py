@@ -704,6 +704,64 @@ def by_height(s: InstanceOf[Snapshot], values: Values, edges: array("m", (None,)
 
 
 @validated
+def grains(s: InstanceOf[Snapshot], beyond: InstanceOf[Callable] | None = None) -> dict[str, float]:
+    """Count the grains, by height and beyond a place such as the far side of bars.
+
+    Parameters
+    ----------
+    s : Snapshot
+        Fluid with grains.
+    beyond : callable, optional
+        ``beyond(x)`` tells of positions (k, d) [m] whether they are beyond, bool (k,).
+
+    Returns
+    -------
+    dict
+        ``grains_number``; ``grains_top_ratio``, ``grains_middle_ratio`` and ``grains_bottom_ratio``, fractions of the
+        grains whose centre is in these thirds of the depth at its place, from the lowest point of the body; with
+        ``beyond``: ``grains_passed_number``, grains whose centre is beyond, and ``mortar_passed_ratio``, the fraction
+        of the volume of mortar that is. Empty without grains.
+
+    Notes
+    -----
+    The surface above a grain is that of the column of two spacings in which its highest particle is.
+
+    Examples
+    --------
+    >>> import numpy as np, taichi_mps as mps
+    >>> from dataclasses import replace
+    >>> body = mps.measure.still([[0.0, 0.01], [0.02, 0.01], [0.2, 0.01], [0.24, 0.01]], spacing=0.02)
+    >>> body = replace(body, grain=np.array([1, 1, 0, 0]))
+    >>> found = mps.measure.grains(body, lambda x: x[:, 0] > 0.22)
+    >>> found["grains_number"], found["grains_passed_number"], found["mortar_passed_ratio"]
+    (1.0, 0.0, 0.5)
+    """
+    member = s.grain > 0
+    if not member.any():
+        return {}
+    _, number = np.unique(s.grain[member], return_inverse=True)
+    x, d = s.x[member], s.x.shape[1]
+    centres = np.stack([np.bincount(number, column) for column in x.T], -1) / np.bincount(number)[:, None]
+    side = 2.0 * s.spacing
+    column = ((s.x[:, :-1] - s.x[:, :-1].min(0)) / side + 1.0 / 12.0).astype(int)  # no lattice plane on its faces
+    column = np.ravel_multi_index(column.T, column.max(0) + 1)
+    tops = np.full(column.max() + 1, -np.inf)
+    np.maximum.at(tops, column, s.x[:, -1] + 0.5 * s.size)
+    rising, highest = np.argsort(x[:, -1], kind="stable"), np.zeros(len(centres), int)
+    highest[number[rising]] = rising  # the last one of each grain
+    floor = (s.x[:, -1] - 0.5 * s.size).min()
+    heights = (centres[:, -1] - floor) / (tops[column[member][highest]] - floor)
+    thirds = np.bincount(np.clip((3.0 * heights).astype(int), 0, 2), minlength=3) / len(centres)
+    found = {"grains_number": float(len(centres))}
+    found |= {f"grains_{third}_ratio": float(thirds[k]) for k, third in ((2, "top"), (1, "middle"), (0, "bottom"))}
+    if beyond:
+        mortar = s.size**d * ~member
+        found["grains_passed_number"] = float(np.count_nonzero(beyond(centres)))
+        found["mortar_passed_ratio"] = float(mortar[beyond(s.x)].sum() / max(mortar.sum(), np.finfo(float).tiny))
+    return found
+
+
+@validated
 def clearance(s: InstanceOf[Snapshot], walls: Sequence[InstanceOf[HasDistance]]) -> float:
     """Return the least distance of a particle from the walls.
 

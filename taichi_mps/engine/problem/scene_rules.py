@@ -177,12 +177,14 @@ def grains_are_supported(scene):
     if not scene.grains:
         return
     for what, there in {
-        "an inlet: its concrete brings none; must be a scene without": scene.inlets,
+        "an inlet, whose concrete brings none; must be one filled at 0 s, as l_box or slump": scene.inlets,
         "mirror planes, which would cut them; must be the whole body, model full where there is one": scene.mirrors,
-        "rings, which would cut them; must be axisymmetric = False": scene.axisymmetric,
-        "a jolt; must be a scene without": scene.jolts,
+        "rings, which would cut them; must be the whole body, axisymmetric = False": scene.axisymmetric,
+        "a jolt; must be a scene without, as slump": scene.jolts,
         "a wall with friction; must be without": any(wall.friction for wall in scene.walls),
-        "a unilateral wall; must be without": any(wall.loose for wall in scene.walls),
+        "a unilateral wall, such as a mould that is lifted; must be without, gone at 0 s": any(
+            wall.loose for wall in scene.walls
+        ),
     }.items():
         require(not there, f"grains: the scene has {what}")
     require(
