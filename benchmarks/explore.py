@@ -26,12 +26,12 @@ from taichi_mps.study.reuse import begin
 from taichi_mps.viz.body import contour, fit_to_mould, profile
 
 TAU_Y = np.geomspace(10.0, 1800.0, 14).round(1)  # yield stress of the table [Pa]
-ETA = np.array([10, 13, 17, 22, 29, 38, 50, 65, 85, 120, 300, 1500], float)  # plastic viscosity of the table [Pa s]
-CHECKS = 30  # mixes between those of the table
-CONE = {"model": "axisymmetric", "spacing": 0.006, "until": 600.0, "floor_radius": 0.9}
+ETA = np.array([10, 14, 20, 28, 40, 55, 75, 110, 250, 1500], float)  # plastic viscosity of the table [Pa s]
+CHECKS = 24  # mixes between those of the table
+CONE = {"model": "axisymmetric", "spacing": 0.0075, "until": 600.0, "floor_radius": 0.9}
 STAGES, RAYS, HEIGHT, AXIS = 24, 48, 0.3, 0.01  # AXIS: radius [m] within which the top is level
 UNIT = 1e-4  # of the distances that are kept
-MIN_STEP, STEP_RATIO = 0.02, 1.1  # least time between states that are kept [s], least ratio of their times
+MIN_STEP, STEP_RATIO = 0.025, 1.15  # least time between states that are kept [s], least ratio of their times
 KEYS = "time_s", "slump_m", "spread_m", "slump_max_m"
 TABLE = points.RESULTS / "explore.jsonl"
 
