@@ -6,7 +6,8 @@ const CLASSES = [ // of EN 206: name, what is read, from and to [mm], what its b
   ["S1", "highest", 10, 40, 25], ["S2", "highest", 50, 90, 70], ["S3", "highest", 100, 150, 125], ["S4", "highest", 160, 210, 185], ["S5", "highest", 220, Infinity, 235],
   ["SF1", "spread", 550, 650, 600], ["SF2", "spread", 660, 750, 700], ["SF3", "spread", 760, 850, 800]];
 const CASES = [["#1", 100, 50], ["#2", 300, 50], ["#3", 500, 50], ["#5", 100, 1500]]; // of the paper; #4 is #1
-const state = { yield: 300, viscosity: 50, time: Infinity, playing: 0, course: null, viewer: null, mesh: null, due: 0 };
+const state = { yield: 300, viscosity: 50, time: Infinity, playing: 0, course: null, viewer: null, mesh: null, due: 0, painted: 0, rest: 0 };
+const SLOW = 45; // [ms] between pictures
 const dark = matchMedia("(prefers-color-scheme: dark)");
 
 // ---- between the mixes of the table -------------------------------------------------------------------------------
@@ -136,8 +137,19 @@ function section(points) {
   return flat;
 }
 
-function paint() {
+/* Fewer pixels while pictures follow each other too slowly, as without a graphics card; all of them after the last. */
+function detail(now) {
+  const passed = now - state.painted, { viewer } = state;
+  state.painted = now;
+  if (!viewer) return;
+  if (passed > SLOW && passed < 400) viewer.detail = Math.max(0.35, 0.75 * viewer.detail);
+  clearTimeout(state.rest);
+  if (viewer.detail < 1) state.rest = setTimeout(() => { viewer.detail = 1; state.painted = 0; draw(); }, 250);
+}
+
+function paint(now) {
   state.due = 0;
+  detail(now);
   const { course, viewer } = state, stage = stageAt(course, state.time), points = outline(course, stage);
   const slump = between(course.slump, stage), spread = between(course.spread, stage), high = HEIGHT - slump;
   if (viewer) {
@@ -247,7 +259,7 @@ async function begin() {
   for (const [name, key, , , wanted] of CLASSES) button(name, "classes", "class", name, () => set({ yield: pullTo(key, wanted / 1000), time: Infinity }));
   const canvas = element("view");
   try {
-    state.viewer = new Viewer(canvas, [[-0.3, -0.3, 0], [0.3, 0.3, HEIGHT]], { floor: 0, tick: 0.05, flat: false });
+    state.viewer = new Viewer(canvas, [[-0.27, -0.27, 0], [0.27, 0.27, HEIGHT]], { floor: 0, tick: 0.05, flat: false });
     state.mesh = meshOf(state.viewer);
   } catch (error) {
     canvas.remove();

@@ -1,7 +1,7 @@
 """docs/explore.html, a page to pull a slump cone in any browser: a table of runs in rings, and the page made of it.
 
-    python benchmarks/explore.py run      # benchmarks/results/explore.json: mixes of the table, and checks between them
-    python benchmarks/explore.py draw     # the page, with the errors between mixes of the table
+    python benchmarks/explore.py run    # benchmarks/results/explore.jsonl: mixes of the table, and checks between them
+    python benchmarks/explore.py draw   # the page, with the errors of the table at the checks
 
 Mixes that are in the file are not run again. A run is told by STAGES at equal parts of the way that front and top go:
 time, slump, slump flow, and the surface as distances from the middle of the floor, along rays at equal angles in the
@@ -16,69 +16,68 @@ import zlib
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from multiprocessing import get_context
+from string import Template
 
 import numpy as np
 import points
 
+from taichi_mps import __version__
 from taichi_mps.engine import Frame
+from taichi_mps.forecast import accuracy
 from taichi_mps.input import catalogue
 from taichi_mps.study.reuse import begin
-from taichi_mps.viz.body import contour, fit_to_mould, profile
+from taichi_mps.viz.body import profile
 
-TAU_Y = np.geomspace(10.0, 1800.0, 14).round(1)  # yield stress of the table [Pa]
-ETA = np.array([10, 14, 20, 28, 40, 55, 75, 110, 250, 1500], float)  # plastic viscosity of the table [Pa s]
-CHECKS = 24  # mixes between those of the table
+TAU_Y = np.geomspace(10.0, 1800.0, 14).round(1).tolist()  # yield stress of the table [Pa]
+ETA = [10.0, 14.0, 20.0, 28.0, 40.0, 55.0, 75.0, 110.0, 250.0, 1500.0]  # plastic viscosity of the table [Pa s]
+NODES, CHECKS = list(product(TAU_Y, ETA)), 24  # mixes of the table, number of those between
 CONE = {"model": "axisymmetric", "spacing": 0.0075, "until": 600.0, "floor_radius": 0.9}
 STAGES, RAYS, HEIGHT, AXIS = 24, 48, 0.3, 0.01  # AXIS: radius [m] within which the top is level
-UNIT = 1e-4  # of the distances that are kept
 MIN_STEP, STEP_RATIO = 0.025, 1.15  # least time between states that are kept [s], least ratio of their times
-KEYS = "time_s", "slump_m", "spread_m", "slump_max_m"
-TABLE = points.RESULTS / "explore.jsonl"
+COLUMNS = {"time": "time_s", "slump": "slump_m", "spread": "spread_m", "highest": "slump_max_m", "away": "rays"}
+# units of the 16-bit integers of the page: logarithm of a time, lengths [m], rays
+UNITS = {"time": 5e-4, "slump": 2e-5, "spread": 2e-5, "highest": 2e-5, "away": 1e-4}
+MIN_TIME = 1e-3  # whose logarithm stands for the beginning [s]
+TABLE, PAGE = points.RESULTS / "explore.jsonl", points.DOCS / "explore.html"
+PARTS = "taichi_mps/report/charts.js", "taichi_mps/report/viewer.js", "benchmarks/explore.js"
 
 
-def checks():
-    """Mixes (CHECKS, 2) [Pa, Pa s], evenly spread over the table in the logarithms, none of them in it."""
+def checks() -> list[tuple]:
+    """Mixes [Pa, Pa s] that are evenly spread over the table in the logarithms, none of them in it."""
     even = (np.outer(np.arange(1, CHECKS + 1), (0.7548777, 0.5698403)) + 0.5) % 1.0  # the sequence R2 of Roberts (2018)
-    low, high = np.log([(TAU_Y[0], ETA[0]), (TAU_Y[-1], ETA[-1])])
-    return np.exp(low + even * (high - low)).round(1)
+    low, high = np.log(NODES[0]), np.log(NODES[-1])
+    return list(map(tuple, np.exp(low + even * (high - low)).round(1).tolist()))
 
 
 # ---- runs ----------------------------------------------------------------------------------------------------------
 def course(mix) -> dict:
-    """A run to rest, told by its stages: KEYS, and ``rays`` (STAGES, RAYS) in units of UNIT."""
-    tau_y, eta = mix
-    sim = begin(catalogue.build("slump", yield_value=tau_y, plastic_viscosity=eta, **CONE))
+    """A run to rest, told by its stages."""
+    sim = begin(catalogue.build("slump", yield_value=mix[0], plastic_viscosity=mix[1], **CONE))
     rows, due = [], [0.0]
 
     def keep(sim):
         if sim.time >= due[0] and sim.all_active:
             state = sim.snapshot()
             measures = {"time_s": sim.time} | Frame(sim.scene, state, sim.report).measures()
-            rows.append([*(measures[key] for key in KEYS), *rays(sim.scene, state)])
+            rows.append([*(measures[key] for key in list(COLUMNS.values())[:-1]), *rays(sim.scene, state)])
             due[0] = max(sim.time + MIN_STEP, STEP_RATIO * sim.time)
 
     keep(sim)
     sim.each_step(keep)
-    ended = sim.run()
-    due[0] = 0.0
+    ended, due[0] = sim.run(), 0.0
     keep(sim)
     rows = np.array(rows)
-    way = np.abs(np.diff(rows[:, 1:3], axis=0)) @ (1.0, 0.5)
-    way = np.append(0.0, np.cumsum(np.maximum(way, 1e-9)))
-    found = np.array([np.interp(np.linspace(0.0, way[-1], STAGES), way, column) for column in rows.T])
-    kept = {key: [float(f"{value:.5g}") for value in found[k]] for k, key in enumerate(KEYS)}
-    return {"mix": mix, "ended": ended} | kept | {"rays": packed(found[len(KEYS) :].T)}
+    way = np.cumsum(np.maximum(np.abs(np.diff(rows[:, 1:3], axis=0, prepend=rows[:1, 1:3])) @ (1.0, 0.5), 1e-9))
+    found = [np.interp(np.linspace(way[0], way[-1], STAGES), way, column) for column in rows.T]
+    kept = {key: [float(f"{value:.5g}") for value in found[k]] for k, key in enumerate(list(COLUMNS.values())[:-1])}
+    return {"mix": mix, "ended": ended} | kept | {"rays": packed(np.transpose(found[len(kept) :]))}
 
 
-def rays(scene, state):
+def rays(scene, state) -> np.ndarray:
     """Distances (RAYS,) of the surface from the middle of the floor, from the floor to the axis, where radius and
     height are 1."""
-    if state.time == 0.0:
-        line, _, links = profile(scene, state)
-        line = line.x
-    else:
-        line, _, links = contour(fit_to_mould(scene, state), 0.0)
-    near = line[:, 0] < AXIS
+    surface, _, links = profile(scene, state)
+    line, near = surface.x, surface.x[:, 0] < AXIS
     line[near, 1] = np.interp(AXIS, *line[np.argsort(line[:, 0])].T)
     line = line / (line[:, 0].max(), line[near, 1].max())
     angle = np.clip(np.linspace(0.0, 0.5 * np.pi, RAYS), 1e-6, 0.5 * np.pi - 1e-6)
@@ -86,38 +85,96 @@ def rays(scene, state):
     a, b = line[links].transpose(1, 0, 2)
     off_a, off_b = a @ across, b @ across
     part = off_a / np.where(off_a == off_b, 1.0, off_a - off_b)
-    away = (1.0 - part) * (a @ along) + part * (b @ along)
-    return np.where(off_a * off_b <= 0.0, away, 0.0).max(0)
+    return np.where(off_a * off_b <= 0.0, (1.0 - part) * (a @ along) + part * (b @ along), 0.0).max(0)
 
 
-def packed(values) -> str:
-    """Numbers in units of UNIT, less the one before, in 16 bits, deflated, in base64."""
-    codes = np.diff(np.round(np.ravel(values) / UNIT).astype(int), prepend=0)
+def packed(values, unit=UNITS["away"]) -> str:
+    """Numbers in a unit, less the one before, in 16 bits, deflated, in base64."""
+    codes = np.diff(np.round(np.ravel(values) / unit).astype(int), prepend=0)
     return base64.b64encode(zlib.compress(codes.astype("<i2").tobytes(), 9)).decode()
 
 
-def unpacked(text: str) -> np.ndarray:
-    """The numbers (STAGES, RAYS) that ``packed`` wrote."""
-    codes = np.frombuffer(zlib.decompress(base64.b64decode(text)), "<i2")
-    return UNIT * np.cumsum(codes, dtype=int).reshape(-1, RAYS)
-
-
 def run(workers="2") -> None:
-    """Add the courses that are not in the file yet, in the order of their mixes."""
-    kept = {tuple(row["mix"]) for row in rows()}
-    todo = [mix for mix in [*product(TAU_Y.tolist(), ETA.tolist()), *map(tuple, checks().tolist())] if mix not in kept]
+    """Add the courses that are not in the file yet, the stiffest first."""
     if not TABLE.exists():
         TABLE.write_text(json.dumps({"made": points.stamp()}) + "\n", encoding="utf-8")
+    todo = [mix for mix in sorted([*NODES, *checks()], reverse=True) if mix not in courses()]
     with ProcessPoolExecutor(int(workers), get_context("spawn")) as pool, TABLE.open("a", encoding="utf-8") as file:
         for found in pool.map(course, todo):
             print(json.dumps(found), file=file, flush=True)
 
 
-def rows() -> list[dict]:
-    """Courses of the file."""
-    lines = TABLE.read_text(encoding="utf-8").splitlines()[1:] if TABLE.exists() else []
-    return [json.loads(line) for line in lines]
+def courses() -> dict[tuple, dict]:
+    """Courses of the file by their mix, with ``rays`` (STAGES, RAYS)."""
+    found = {}
+    for row in map(json.loads, TABLE.read_text(encoding="utf-8").splitlines()[1:]):
+        codes = np.frombuffer(zlib.decompress(base64.b64decode(row["rays"])), "<i2")
+        found[tuple(row["mix"])] = row | {"rays": UNITS["away"] * np.cumsum(codes, dtype=int).reshape(-1, RAYS)}
+    return found
+
+
+# ---- between the mixes ---------------------------------------------------------------------------------------------
+def columns(rows) -> dict[str, np.ndarray]:
+    """What is interpolated, each (mixes, STAGES, ...): logarithms of times, lengths [m], and the rays."""
+    found = {name: np.array([row[key] for row in rows]) for name, key in COLUMNS.items()}
+    return found | {"time": np.log(np.maximum(found["time"], MIN_TIME))}
+
+
+def weights(nodes, x) -> np.ndarray:
+    """Weights (n,) of a cubic through the values at n nodes, whose slopes are those from neighbour to neighbour."""
+    last, found = len(nodes) - 1, np.zeros(len(nodes))
+    k = int(np.clip(np.searchsorted(nodes, x, "right") - 1, 0, last - 1))
+    h = nodes[k + 1] - nodes[k]
+    s = (x - nodes[k]) / h
+    found[[k, k + 1]] = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * s * (3.0 - 2.0 * s)
+    for node, slope in ((k, h * s * (1.0 - s) ** 2), (k + 1, h * s * s * (s - 1.0))):
+        before, after = max(0, node - 1), min(last, node + 1)
+        found[[after, before]] += np.array([slope, -slope]) / (nodes[after] - nodes[before])
+    return found
+
+
+def at(table: dict, mix) -> dict[str, np.ndarray]:
+    """Columns of a mix [Pa, Pa s]."""
+    both = [weights(np.log(nodes), np.log(value)) for nodes, value in zip((TAU_Y, ETA), mix, strict=True)]
+    return {name: np.tensordot(np.outer(*both).ravel(), values, 1) for name, values in table.items()}
+
+
+def at_rest(course) -> np.ndarray:
+    """Slump [mm], logarithm of the slump flow, and that of T500, nan where it is not reached."""
+    wide = np.maximum.accumulate(course["spread"])
+    t500 = np.interp(0.5, wide, np.exp(course["time"]), right=np.nan)
+    return np.array([1e3 * course["slump"][-1], np.log(wide[-1]), np.log(t500)])
+
+
+# ---- the page ------------------------------------------------------------------------------------------------------
+def draw() -> None:
+    """Write the page and print the errors."""
+    every = courses()
+    table, own, off = columns([every[mix] for mix in NODES]), [], []
+    for mix in checks():
+        (known,) = (dict(zip(COLUMNS, each, strict=True)) for each in zip(*columns([every[mix]]).values(), strict=True))
+        off.append((at_rest(at(table, mix)) - at_rest(known)) * (1.0, 100.0, 100.0))
+        print("{:g} Pa, {:g} Pa s: slump {:+.2f} mm, slump flow {:+.2f} %, T500 {:+.1f} %".format(*mix, *off[-1]))
+        if error := accuracy.expected(CONE["model"], CONE["spacing"] / HEIGHT, accuracy.MixNumbers.of(*mix)):
+            own.append(HEIGHT * np.array([1e3 * error.slump, 200.0 * error.reach / known["spread"][-1]]))
+    worst = [*np.nanmax(np.abs(off), axis=0), *np.max(own, axis=0)]
+    texts = {
+        key: f"{value:.1f}"
+        for key, value in zip(("slump", "flow", "late", "own_slump", "own_flow"), worst, strict=True)
+    }
+    made = json.loads(TABLE.read_text(encoding="utf-8").splitlines()[0])["made"]
+    texts |= {"version": __version__, "made": ", ".join(made.split("; ")[:3]), "spacing": 1e3 * CONE["spacing"]}
+    scripts = {name.rpartition("/")[2][:-3]: (points.ROOT / name).read_text(encoding="utf-8") for name in PARTS}
+    template = Template((points.ROOT / "benchmarks/explore.html").read_text(encoding="utf-8"))
+    texts |= {"mixes": len(NODES), "checks": CHECKS, "table": json.dumps(data(table))}
+    PAGE.write_text(template.substitute(texts | scripts), encoding="utf-8")
+
+
+def data(table) -> dict:
+    """Data of the page."""
+    kept = {name: {"unit": UNITS[name], "packed": packed(values, UNITS[name])} for name, values in table.items()}
+    return {"yield": TAU_Y, "viscosity": ETA, "stages": STAGES, "rays": RAYS} | kept
 
 
 if __name__ == "__main__":
-    {"run": run}[sys.argv[1]](*sys.argv[2:])
+    {"run": run, "draw": draw}[sys.argv[1]](*sys.argv[2:])

@@ -36,10 +36,11 @@ const crossed = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
 const unit = (a) => a.map((value) => value / (Math.hypot(...a) || 1));
 
 class Viewer {
-  /* Draws on a canvas; throws where there is no WebGL 2. ``box``: low and high corner of what is to be seen. */
+  /* Draws on a canvas; throws where there is no WebGL 2. ``box``: low and high corner of what is to be seen; ``detail``:
+     pixels that are drawn over those of the screen, along a side. */
   constructor(canvas, box, { floor, tick, flat }) {
     this.canvas = canvas;
-    Object.assign(this, { box, floor, tick, flat, turn: flat ? 0 : 0.35, tilt: flat ? 0 : 0.27, zoom: 1 });
+    Object.assign(this, { box, floor, tick, flat, turn: flat ? 0 : 0.35, tilt: flat ? 0 : 0.27, zoom: 1, detail: 1 });
     const gl = (this.gl = canvas.getContext("webgl2", { antialias: true, stencil: true, preserveDrawingBuffer: true, premultipliedAlpha: true }));
     if (!gl) throw new Error("no WebGL 2");
     this.programs = {};
@@ -125,7 +126,7 @@ class Viewer {
 
   /* A body as ``mesh`` prepared it, in a mode of colours, faces of glass, lines, and light or dark around. */
   draw(mesh, { mode, panes, lines, dark, size }) {
-    const gl = this.gl, canvas = this.canvas, ratio = Math.min(2, window.devicePixelRatio || 1);
+    const gl = this.gl, canvas = this.canvas, ratio = this.detail * Math.min(2, window.devicePixelRatio || 1);
     [canvas.width, canvas.height] = [canvas.clientWidth, canvas.clientHeight].map((value) => Math.round(value * ratio));
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clearColor(0, 0, 0, 0);
