@@ -16,6 +16,7 @@ import zlib
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from multiprocessing import get_context
+from pathlib import Path
 from string import Template
 
 import numpy as np
@@ -53,19 +54,18 @@ def checks() -> list[tuple]:
 def course(mix) -> dict:
     """A run to rest, told by its stages."""
     sim = begin(catalogue.build("slump", yield_value=mix[0], plastic_viscosity=mix[1], **CONE))
-    rows, due = [], [0.0]
+    rows = []
 
-    def keep(sim):
-        if sim.time >= due[0] and sim.all_active:
+    def keep(sim, last=False):
+        if last or not rows or sim.all_active and sim.time >= max(rows[-1][0] + MIN_STEP, STEP_RATIO * rows[-1][0]):
             state = sim.snapshot()
             measures = {"time_s": sim.time} | Frame(sim.scene, state, sim.report).measures()
             rows.append([*(measures[key] for key in list(COLUMNS.values())[:-1]), *rays(sim.scene, state)])
-            due[0] = max(sim.time + MIN_STEP, STEP_RATIO * sim.time)
 
     keep(sim)
     sim.each_step(keep)
-    ended, due[0] = sim.run(), 0.0
-    keep(sim)
+    ended = sim.run()
+    keep(sim, last=True)
     rows = np.array(rows)
     way = np.cumsum(np.maximum(np.abs(np.diff(rows[:, 1:3], axis=0, prepend=rows[:1, 1:3])) @ (1.0, 0.5), 1e-9))
     found = [np.interp(np.linspace(way[0], way[-1], STAGES), way, column) for column in rows.T]
@@ -80,7 +80,7 @@ def rays(scene, state) -> np.ndarray:
     line, near = surface.x, surface.x[:, 0] < AXIS
     line[near, 1] = np.interp(AXIS, *line[np.argsort(line[:, 0])].T)
     line = line / (line[:, 0].max(), line[near, 1].max())
-    angle = np.clip(np.linspace(0.0, 0.5 * np.pi, RAYS), 1e-6, 0.5 * np.pi - 1e-6)
+    angle = np.linspace(1e-6, 0.5 * np.pi - 1e-6, RAYS)
     along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
     a, b = line[links].transpose(1, 0, 2)
     off_a, off_b = a @ across, b @ across
@@ -92,6 +92,12 @@ def packed(values, unit=UNITS["away"]) -> str:
     """Numbers in a unit, less the one before, in 16 bits, deflated, in base64."""
     codes = np.diff(np.round(np.ravel(values) / unit).astype(int), prepend=0)
     return base64.b64encode(zlib.compress(codes.astype("<i2").tobytes(), 9)).decode()
+
+
+def unpacked(text: str) -> np.ndarray:
+    """The rays (STAGES, RAYS) of a text by ``packed``."""
+    codes = np.frombuffer(zlib.decompress(base64.b64decode(text)), "<i2")
+    return UNITS["away"] * np.cumsum(codes, dtype=int).reshape(-1, RAYS)
 
 
 def run(workers="2") -> None:
@@ -106,11 +112,8 @@ def run(workers="2") -> None:
 
 def courses() -> dict[tuple, dict]:
     """Courses of the file by their mix, with ``rays`` (STAGES, RAYS)."""
-    found = {}
-    for row in map(json.loads, TABLE.read_text(encoding="utf-8").splitlines()[1:]):
-        codes = np.frombuffer(zlib.decompress(base64.b64decode(row["rays"])), "<i2")
-        found[tuple(row["mix"])] = row | {"rays": UNITS["away"] * np.cumsum(codes, dtype=int).reshape(-1, RAYS)}
-    return found
+    rows = map(json.loads, TABLE.read_text(encoding="utf-8").splitlines()[1:])
+    return {tuple(row["mix"]): row | {"rays": unpacked(row["rays"])} for row in rows}
 
 
 # ---- between the mixes ---------------------------------------------------------------------------------------------
@@ -149,25 +152,23 @@ def at_rest(course) -> np.ndarray:
 # ---- the page ------------------------------------------------------------------------------------------------------
 def draw() -> None:
     """Write the page and print the errors."""
-    every = courses()
-    table, own, off = columns([every[mix] for mix in NODES]), [], []
+    every, own, off = courses(), [], []
+    table = columns([every[mix] for mix in NODES])
     for mix in checks():
-        (known,) = (dict(zip(COLUMNS, each, strict=True)) for each in zip(*columns([every[mix]]).values(), strict=True))
+        known = {name: values[0] for name, values in columns([every[mix]]).items()}
         off.append((at_rest(at(table, mix)) - at_rest(known)) * (1.0, 100.0, 100.0))
         print("{:g} Pa, {:g} Pa s: slump {:+.2f} mm, slump flow {:+.2f} %, T500 {:+.1f} %".format(*mix, *off[-1]))
         if error := accuracy.expected(CONE["model"], CONE["spacing"] / HEIGHT, accuracy.MixNumbers.of(*mix)):
             own.append(HEIGHT * np.array([1e3 * error.slump, 200.0 * error.reach / known["spread"][-1]]))
-    worst = [*np.nanmax(np.abs(off), axis=0), *np.max(own, axis=0)]
-    texts = {
-        key: f"{value:.1f}"
-        for key, value in zip(("slump", "flow", "late", "own_slump", "own_flow"), worst, strict=True)
-    }
-    made = json.loads(TABLE.read_text(encoding="utf-8").splitlines()[0])["made"]
-    texts |= {"version": __version__, "made": ", ".join(made.split("; ")[:3]), "spacing": 1e3 * CONE["spacing"]}
-    scripts = {name.rpartition("/")[2][:-3]: (points.ROOT / name).read_text(encoding="utf-8") for name in PARTS}
-    template = Template((points.ROOT / "benchmarks/explore.html").read_text(encoding="utf-8"))
-    texts |= {"mixes": len(NODES), "checks": CHECKS, "table": json.dumps(data(table))}
-    PAGE.write_text(template.substitute(texts | scripts), encoding="utf-8")
+    worst = [f"{value:.1f}" for value in [*np.nanmax(np.abs(off), axis=0), *np.max(own, axis=0)]]
+    made = json.loads(TABLE.read_text(encoding="utf-8").splitlines()[0])["made"].split("; ")[:3]
+    texts = dict(zip(("slump", "flow", "late", "own_slump", "own_flow"), worst, strict=True)) | {
+        "version": __version__, "made": ", ".join(made), "spacing": 1e3 * CONE["spacing"], "mixes": len(NODES),
+        "checks": CHECKS, "table": json.dumps(data(table)),
+    }  # fmt: skip
+    texts |= {Path(name).stem: (points.ROOT / name).read_text(encoding="utf-8") for name in PARTS}
+    template = (points.ROOT / "benchmarks/explore.html").read_text(encoding="utf-8")
+    PAGE.write_text(Template(template).substitute(texts), encoding="utf-8")
 
 
 def data(table) -> dict:
