@@ -6,8 +6,8 @@ const CLASSES = [ // of EN 206: name, what is read, from and to [mm], what its b
   ["S1", "highest", 10, 40, 25], ["S2", "highest", 50, 90, 70], ["S3", "highest", 100, 150, 125], ["S4", "highest", 160, 210, 185], ["S5", "highest", 220, Infinity, 235],
   ["SF1", "spread", 550, 650, 600], ["SF2", "spread", 660, 750, 700], ["SF3", "spread", 760, 850, 800]];
 const CASES = [["#1", 100, 50], ["#2", 300, 50], ["#3", 500, 50], ["#5", 100, 1500]]; // of the paper; #4 is #1
-const state = { yield: 300, viscosity: 50, time: Infinity, playing: 0, course: null, viewer: null, mesh: null, due: 0, painted: 0, rest: 0 };
-const SLOW = 45; // [ms] between pictures
+const state = { yield: 300, viscosity: 50, time: Infinity, playing: 0, course: null, viewer: null, mesh: null, due: 0, asked: 0, rest: 0 };
+const SLOW = 40; // [ms] from a change to its picture
 const dark = matchMedia("(prefers-color-scheme: dark)");
 
 // ---- between the mixes of the table -------------------------------------------------------------------------------
@@ -137,22 +137,20 @@ function section(points) {
   return flat;
 }
 
-/* Fewer pixels while pictures follow each other too slowly, as without a graphics card; all of them after the last. */
-function detail(now) {
-  const passed = now - state.painted, { viewer } = state;
-  state.painted = now;
-  if (!viewer) return;
-  if (passed > SLOW && passed < 400) viewer.detail = Math.max(0.35, 0.75 * viewer.detail);
+/* Fewer pixels while pictures come late, as without a graphics card; all of them after the last. */
+function detail() {
+  const late = performance.now() - state.asked, { viewer } = state;
+  if (late > SLOW) viewer.detail = Math.max(0.4, 0.8 * viewer.detail);
   clearTimeout(state.rest);
-  if (viewer.detail < 1) state.rest = setTimeout(() => { viewer.detail = 1; state.painted = 0; draw(); }, 250);
+  if (viewer.detail < 1) state.rest = setTimeout(() => { viewer.detail = 1; state.asked = Infinity; paint(); }, 400);
 }
 
-function paint(now) {
+function paint() {
   state.due = 0;
-  detail(now);
   const { course, viewer } = state, stage = stageAt(course, state.time), points = outline(course, stage);
   const slump = between(course.slump, stage), spread = between(course.spread, stage), high = HEIGHT - slump;
   if (viewer) {
+    detail();
     viewer.draw(turned(points), { mode: 0, panes: [], lines: [{ points: MOULD, colour: dark.matches ? [1, 0.5, 0.4, 1] : [0.77, 0.24, 0.15, 1] }], dark: dark.matches, size: 0 });
     element("over").replaceChildren();
   }
@@ -165,7 +163,12 @@ function paint(now) {
   element("time").setAttribute("aria-valuetext", element("now").textContent);
 }
 
-const draw = () => (state.due ||= requestAnimationFrame(paint));
+function draw() {
+  if (state.due) return;
+  state.asked = performance.now();
+  state.due = requestAnimationFrame(paint);
+}
+
 const written = (seconds) => (seconds < 100 ? `${seconds.toFixed(seconds < 10 ? 2 : 1)} s` : `${seconds.toFixed(0)} s`);
 
 // ---- state, sliders, address ---------------------------------------------------------------------------------------
@@ -238,6 +241,12 @@ function button(text, where, name, value, pressed) {
   element(where).append(made);
 }
 
+/* What draws: a graphics card, or a program in its place, for which edges are not smoothed. */
+function renderer() {
+  const gl = document.createElement("canvas").getContext("webgl2"), told = gl?.getExtension("WEBGL_debug_renderer_info");
+  return told ? String(gl.getParameter(told.UNMASKED_RENDERER_WEBGL)) : "";
+}
+
 async function begin() {
   const lines = await Promise.all(["time", "slump", "spread", "highest", "away"].map((name) => inflated(table[name].packed, Int16Array)));
   for (const [k, name] of ["time", "slump", "spread", "highest", "away"].entries())
@@ -259,7 +268,8 @@ async function begin() {
   for (const [name, key, , , wanted] of CLASSES) button(name, "classes", "class", name, () => set({ yield: pullTo(key, wanted / 1000), time: Infinity }));
   const canvas = element("view");
   try {
-    state.viewer = new Viewer(canvas, [[-0.27, -0.27, 0], [0.27, 0.27, HEIGHT]], { floor: 0, tick: 0.05, flat: false });
+    const fast = !/swiftshader|llvmpipe|software/i.test(renderer());
+    state.viewer = new Viewer(canvas, [[-0.27, -0.27, 0], [0.27, 0.27, HEIGHT]], { floor: 0, tick: 0.05, flat: false, smooth: fast });
     state.mesh = meshOf(state.viewer);
   } catch (error) {
     canvas.remove();

@@ -37,11 +37,12 @@ const unit = (a) => a.map((value) => value / (Math.hypot(...a) || 1));
 
 class Viewer {
   /* Draws on a canvas; throws where there is no WebGL 2. ``box``: low and high corner of what is to be seen; ``detail``:
-     pixels that are drawn over those of the screen, along a side. */
-  constructor(canvas, box, { floor, tick, flat }) {
+     pixels that are drawn over those of the screen, along a side; ``smooth``: edges, which takes twice the time without a
+     graphics card. */
+  constructor(canvas, box, { floor, tick, flat, smooth = true }) {
     this.canvas = canvas;
     Object.assign(this, { box, floor, tick, flat, turn: flat ? 0 : 0.35, tilt: flat ? 0 : 0.27, zoom: 1, detail: 1 });
-    const gl = (this.gl = canvas.getContext("webgl2", { antialias: true, stencil: true, preserveDrawingBuffer: true, premultipliedAlpha: true }));
+    const gl = (this.gl = canvas.getContext("webgl2", { antialias: smooth, stencil: true, preserveDrawingBuffer: true, premultipliedAlpha: true }));
     if (!gl) throw new Error("no WebGL 2");
     this.programs = {};
     for (const [name, texts] of Object.entries(SHADERS)) {
