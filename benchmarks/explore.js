@@ -189,7 +189,12 @@ function set(changes) {
   const cm = (values) => `${(100 * values.at(-1)).toFixed(1)} cm`;
   const told = { slump: cm(course.slump), flow: cm(course.spread), t500: course.t500 === null ? "not reached" : written(course.t500), class: name };
   for (const [key, text] of Object.entries(told)) element(`${key}-value`).textContent = text;
-  for (const button of document.querySelectorAll("button[data-class]")) button.setAttribute("aria-pressed", button.dataset.class === name);
+  const softest = courseOf(LIMITS.yield[0], state.viscosity);
+  for (const [each, key, low] of CLASSES) {
+    const button = document.querySelector(`button[data-class="${each}"]`);
+    button.setAttribute("aria-pressed", each === name);
+    button.disabled = 1000 * softest[key].at(-1) < low - 5; // softer than the table
+  }
   for (const button of document.querySelectorAll("button[data-case]")) button.setAttribute("aria-pressed", button.dataset.case === `${state.yield},${state.viscosity}`);
   draw();
 }

@@ -29,8 +29,8 @@ from taichi_mps.input import catalogue
 from taichi_mps.study.reuse import begin
 from taichi_mps.viz.body import profile
 
-# yield stress of the table [Pa], from the softest on of which the error of rings was measured
-TAU_Y = [40.0, 73.7, 109.9, 163.8, 244.3, 364.2, 543.0, 809.7, 1207.2, 1800.0]
+# yield stress of the table [Pa]
+TAU_Y = [73.7, 109.9, 163.8, 244.3, 364.2, 543.0, 809.7, 1207.2, 1800.0]
 ETA = [10.0, 14.0, 20.0, 28.0, 40.0, 55.0, 75.0, 110.0, 250.0, 1500.0]  # plastic viscosity of the table [Pa s]
 NODES, CHECKS = list(product(TAU_Y, ETA)), 24  # mixes of the table, number of those between
 CONE = {"model": "axisymmetric", "spacing": 0.0075, "until": 600.0, "floor_radius": 0.9}
