@@ -39,6 +39,7 @@ MIN_STEP, STEP_RATIO = 0.025, 1.15  # least time between states that are kept [s
 COLUMNS = {"time": "time_s", "slump": "slump_m", "spread": "spread_m", "highest": "slump_max_m", "away": "rays"}
 # units of the 16-bit integers of the page: logarithm of a time, lengths [m], rays
 UNITS = {"time": 5e-4, "slump": 2e-5, "spread": 2e-5, "highest": 2e-5, "away": 1e-4}
+SMOOTHED = 3  # times that a ray takes the mean of itself and its neighbours
 MIN_TIME = 1e-3  # whose logarithm stands for the beginning [s]
 TABLE, HTML, PAGE = points.RESULTS / "explore.jsonl", Path(__file__).with_suffix(".html"), points.DOCS / "explore.html"
 PARTS = "taichi_mps/report/charts.js", "taichi_mps/report/viewer.js", "benchmarks/explore.js"
@@ -120,8 +121,12 @@ def courses() -> dict[tuple, dict]:
 
 # ---- between the mixes ---------------------------------------------------------------------------------------------
 def columns(rows) -> dict[str, np.ndarray]:
-    """What is interpolated, each (mixes, STAGES, ...): logarithms of times, lengths [m], and the rays."""
+    """What is interpolated, each (mixes, STAGES, ...): logarithms of times, lengths [m], and the rays, without the
+    ripples of rows of rings."""
     found = {name: np.array([row[key] for row in rows]) for name, key in COLUMNS.items()}
+    away = found["away"][:, 1:]
+    for _ in range(SMOOTHED):
+        away[..., 1:-1] += 0.5 * (0.5 * (away[..., :-2] + away[..., 2:]) - away[..., 1:-1])
     return found | {"time": np.log(np.maximum(found["time"], MIN_TIME))}
 
 

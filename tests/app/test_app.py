@@ -192,6 +192,7 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
         tab.set(yield_value="-3")
         tab.page.locator("#field-yield_value-wrong", has_text="Must be greater than or equal to 0 Pa").wait_for()
         assert tab.field("yield_value").get_attribute("aria-invalid") == "" and tab.page.locator("#go").is_disabled()
+        tab.page.locator("#more").evaluate("details => { details.open = true }")
         tab.set(plastic_viscosity="x", density="-1")
         tab.page.locator("#field-density-wrong", has_text="0 kg/m3").wait_for(state="attached")
         told = [text for text in tab.page.locator("#mix .wrong").all_text_contents() if text]
@@ -207,7 +208,6 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
         tab.set(yield_value="1,000")  # one number to some, another to others
         tab.page.locator("#field-yield_value-wrong", has_text="1.000 or 1000").wait_for()
         tab.set(yield_value="400")
-        tab.page.locator("#more").evaluate("details => { details.open = true }")
         tab.set(spacing="0.0001")
         tab.page.locator("#field-spacing-wrong", has_text="Fills the box with").wait_for()
         for text in ("2 cm", "0.02", "20mm", "2,0 cm"):
