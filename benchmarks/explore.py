@@ -21,6 +21,7 @@ from string import Template
 
 import numpy as np
 import points
+from scipy.interpolate import CubicHermiteSpline
 
 from taichi_mps import __version__
 from taichi_mps.engine import Frame
@@ -29,9 +30,9 @@ from taichi_mps.input import catalogue
 from taichi_mps.study.reuse import begin
 from taichi_mps.viz.body import profile
 
-# yield stress of the table [Pa]
-TAU_Y = [73.7, 109.9, 163.8, 244.3, 364.2, 543.0, 809.7, 1207.2, 1800.0]
-ETA = [10.0, 14.0, 20.0, 28.0, 40.0, 55.0, 75.0, 110.0, 250.0, 1500.0]  # plastic viscosity of the table [Pa s]
+# yield stress of the table [Pa], from the softest on of which the error of rings was measured
+TAU_Y = [40.0, 49.4, 73.7, 109.9, 163.8, 244.3, 364.2, 543.0, 809.7, 1207.2, 1800.0]
+ETA = [20.0, 28.0, 40.0, 55.0, 75.0, 110.0, 250.0, 1500.0]  # plastic viscosity of the table [Pa s]
 NODES, CHECKS = list(product(TAU_Y, ETA)), 24  # mixes of the table, number of those between
 CONE = {"model": "axisymmetric", "spacing": 0.0075, "until": 600.0, "floor_radius": 0.9}
 STAGES, RAYS, HEIGHT, AXIS = 24, 48, 0.3, 0.01  # AXIS: radius [m] within which the top is level
@@ -49,8 +50,11 @@ def checks() -> list[tuple]:
     """Mixes [Pa, Pa s] that are evenly spread over the table in the logarithms, none of them in it."""
     even = (np.outer(np.arange(1, CHECKS + 1), (0.7548777, 0.5698403)) + 0.5) % 1.0  # the sequence R2 of Roberts (2018)
     low, high = np.log((10.0, 10.0)), np.log(NODES[-1])
-    mixes = map(tuple, np.exp(low + even * (high - low)).round(1).tolist())
-    return [mix for mix in mixes if mix > NODES[0]]
+    return [
+        mix
+        for mix in map(tuple, np.exp(low + even * (high - low)).round(1).tolist())
+        if min(mix[0] / TAU_Y[0], mix[1] / ETA[0]) > 1.0
+    ]
 
 
 # ---- runs ----------------------------------------------------------------------------------------------------------
@@ -132,15 +136,10 @@ def columns(rows) -> dict[str, np.ndarray]:
 
 def weights(nodes, x) -> np.ndarray:
     """Weights (n,) of a cubic through the values at n nodes, whose slopes are those from neighbour to neighbour."""
-    last, found = len(nodes) - 1, np.zeros(len(nodes))
-    k = int(np.clip(np.searchsorted(nodes, x, "right") - 1, 0, last - 1))
-    h = nodes[k + 1] - nodes[k]
-    s = (x - nodes[k]) / h
-    found[[k, k + 1]] = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * s * (3.0 - 2.0 * s)
-    for node, slope in ((k, h * s * (1.0 - s) ** 2), (k + 1, h * s * s * (s - 1.0))):
-        before, after = max(0, node - 1), min(last, node + 1)
-        found[[after, before]] += np.array([slope, -slope]) / (nodes[after] - nodes[before])
-    return found
+    k, values = np.arange(len(nodes)), np.eye(len(nodes))
+    before, after = np.maximum(k - 1, 0), np.minimum(k + 1, k[-1])
+    slopes = (values[after] - values[before]) / (nodes[after] - nodes[before])[:, None]
+    return CubicHermiteSpline(nodes, values, slopes)(x)
 
 
 def at(table: dict, mix) -> dict[str, np.ndarray]:
