@@ -137,7 +137,11 @@ def surface_line(part: Snapshot, scene, x, size):
     if line is None:
         ticks = np.arange(x[:, 0].min(), x[:, 0].max() + 1e-12, 0.5 * part.spacing)
         heights = surface(replace(still(x, part.spacing), size=size), ticks[:, None])
-        return np.stack([ticks, heights], -1)
+        top = np.stack([ticks, heights], -1)
+        if not scene.mould:  # else down to the floor, before the outermost particles
+            return top
+        edge, foot = 0.5 * part.spacing, x[:, 1].min() - 0.5 * size.max()
+        return np.vstack([(ticks[0] - edge, foot), top, (ticks[-1] + edge, foot)])
     points, _, parts = line
     pieces = np.insert(points.x[parts], 2, np.nan, axis=1)  # with a gap after each
     return np.concatenate([pieces, pieces * (-1.0, 1.0)]).reshape(-1, 2)

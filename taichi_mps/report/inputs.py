@@ -36,9 +36,10 @@ def shown(value, unit: str) -> str:
     return f"{value:.6g} {unit.strip('-')}".rstrip()
 
 
-def command(source: str, summary: dict, every: float | None = None) -> str:
+def command(source: str, summary: dict, every: float | None = None, until: float | None = None) -> str:
     """Command line, after ``taichi-mps``, that repeats a run, without options at their defaults. ``every``: interval of
-    the outputs [s], if it is not the usual one. A scene file is named without its folder."""
+    the outputs [s], if it is not the usual one; ``until``: time limit [s], if it is not that of the scene with these
+    keywords. A scene file is named without its folder."""
     numerics = NUMERICS[summary["scheme"]]().model_dump()
     defaults = {
         **{key: field.default for key, field in fields_of(source).items()},
@@ -52,8 +53,8 @@ def command(source: str, summary: dict, every: float | None = None) -> str:
         **{key: value for key, value in summary["numerics"].items() if key in numerics},
         **{key: summary["backend"][key] for key in ("arch", "precision")},
     }
-    if summary["stopped_by"] == "time":
-        options["until"] = float(f"{summary['simulated_seconds']:.9g}")
+    if until is not None:
+        options["until"] = float(f"{until:.9g}")
     given = {key: value for key, value in options.items() if value not in (None, "") and key not in OMITTED}
     words = [option(key, value, options) for key, value in given.items()
             if (value != defaults[key] if key in defaults else value is not False)]  # fmt: skip

@@ -4,18 +4,6 @@ const MODES = { concrete: 0, speed: 1, flowing: 2 }, HOLD = 1.5; // [s] that the
 const state = { output: 0, playing: false, viewer: null, meshes: [] };
 
 // ---- the film -----------------------------------------------------------------------------------------------------
-async function inflated(base64, Kind) {
-  const packed = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
-  const whole = new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate")));
-  return new Kind(await whole.arrayBuffer());
-}
-
-/* Sums of differences, in place, of each of ``count`` rows of ``long`` numbers. */
-function summed(values, long, count) {
-  for (let row = 0; row < count; row++) for (let k = 1; k < long; k++) values[row * long + k] += values[row * long + k - 1];
-  return values;
-}
-
 /* Points, normals, shades and rows of triangles of each picture; a section is turned about the axis. */
 async function decoded() {
   const [positions, normals, colours, rows] = await Promise.all([
@@ -82,32 +70,7 @@ function draw() {
   const lines = [{ points: segments(data.outline, true), colour: dark ? [1, 0.5, 0.4, 1] : [0.77, 0.24, 0.15, 1] }, { points: segments(data.walls), colour: [0.5, 0.53, 0.57, 1] }];
   const size = 1.24 * data.size;
   state.viewer.draw(mesh(state.output), { mode: MODES[element("colour").value], panes: data.vessel, lines: lines.filter((line) => line.points.length), dark, size });
-  over.replaceChildren(...film.dimensions[state.output].flatMap(dimension));
-}
-
-/* A measured length: an arrow, a level one below the body and joined with its ends. */
-function dimension({ a, b, near, text }) {
-  const viewer = state.viewer, level = a[2] === b[2], round = level && a[0] === -b[0];
-  if (round) { // a diameter: seen from everywhere
-    const r = Math.hypot(...subtract(a, b)) / 2, [x, y] = viewer.right;
-    [a, b] = [[-r * x, -r * y, a[2]], [r * x, r * y, a[2]]];
-  }
-  let [p, q] = [viewer.project(a), viewer.project(b)];
-  const made = [];
-  if (level) {
-    const out = [0, 1].map((k) => -Math.abs(near) * Math.sign(viewer.ahead[k])), r = Math.abs(near); // of the body, towards the eye
-    const before = round ? [[-r * viewer.ahead[0], -r * viewer.ahead[1], a[2]]] : [[a[0], out[1], a[2]], [b[0], out[1], a[2]]];
-    const below = Math.min(canvas.clientHeight - 22, Math.max(p[1], q[1], ...before.map((place) => viewer.project(place)[1])) + 18);
-    for (const [x, y] of [p, q]) made.push(svg("line", { x1: x, y1: y, x2: x, y2: below + 4, class: "thin" }));
-    [p, q] = [[p[0], below], [q[0], below]];
-  }
-  made.push(svg("line", { x1: p[0], y1: p[1], x2: q[0], y2: q[1], "marker-start": "url(#head)", "marker-end": "url(#head)" }));
-  const [x, y] = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
-  made.push(svg("text", level ? { x, y: y + 16, "text-anchor": "middle" } : { x: x + 7, y: y + 4 }, text));
-  const defs = svg("defs"), head = svg("marker", { id: "head", viewBox: "0 0 10 6", refX: 10, refY: 3, markerWidth: 10, markerHeight: 6, markerUnits: "userSpaceOnUse", orient: "auto-start-reverse" });
-  head.append(svg("path", { d: "M0 0L10 3L0 6z" }));
-  defs.append(head);
-  return [defs, ...made];
+  over.replaceChildren(...film.dimensions[state.output].flatMap((each) => dimension(state.viewer, each)));
 }
 
 function show(output) {

@@ -32,12 +32,12 @@ PAGE_PARTS = Path(__file__).parent
 class RunRecord:
     """Record of a run, read from its folder.
 
-    ``folder`` and its ``path``; ``scene``; ``source``: name or file of its function; ``every``: interval of the outputs
-    [s]; ``summary``, for a run that has not ``ended`` of scene, mixes, time and measures of
-    its last row only; ``history``: columns of history.csv."""
+    ``folder`` and its ``path``; ``scene`` and the ``scene_file`` of its code; ``source``: name or file of its function;
+    ``every``: interval of the outputs [s]; ``summary``, for a run that has not ``ended`` of scene, mixes, time and
+    measures of its last row only; ``history``: columns of history.csv."""
 
     def __init__(self, folder: RunFolder, scene: Scene | None, scene_file):
-        self.folder, self.path = folder, folder.path
+        self.folder, self.path, self.scene_file = folder, folder.path, scene_file
         self.source, parameters, self.every = Trajectory(folder.trajectory).origin()
         self.scene = scene or catalogue.rebuild(self.source, parameters, scene_file)
         self.history = read_history(folder.history)
@@ -112,11 +112,14 @@ def page_texts(run, film: dict) -> dict[str, str]:
 
 def repeat_command(run) -> str:
     """Command line that repeats a finished run, with the options that the user gave."""
-    every = run.every
+    every, until = run.every, run.summary["simulated_seconds"] if run.summary["stopped_by"] == "time" else None
     with suppress(SceneError):  # of a scene that the scheme computes with other settings alone
         default = Problem(run.scene, NUMERICS[run.summary["scheme"]]()).usual_interval
         every = None if abs(every / default - 1.0) < 1e-9 else every
-    return inputs.command(run.source, run.summary, every)
+    with suppress(SceneError):  # of a file that is not there
+        own = catalogue.rebuild(run.source, run.summary["parameters"], run.scene_file).until
+        until = None if until and abs(until / own - 1.0) < 1e-6 else until
+    return inputs.command(run.source, run.summary, every, until)
 
 
 def dates(run) -> list[str]:

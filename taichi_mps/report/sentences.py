@@ -55,6 +55,7 @@ def measured(summary) -> str:
     of_scene = [name for name in results if name in RESULTS or not name.startswith(tuple(RESULT_GROUPS))]
     found = ([name for name in LEADING if name in results] or of_scene or results)[:2]
     text = ", ".join(f"{title(name)} {written(name, summary[name])}" for name in found)
+    text = f"stopped before its end: {text}" if summary.get("stopped_by") == "interrupted" and found else text
     return f"{text[0].upper()}{text[1:]}." if found else "Nothing was measured."
 
 

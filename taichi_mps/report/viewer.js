@@ -36,11 +36,13 @@ const crossed = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
 const unit = (a) => a.map((value) => value / (Math.hypot(...a) || 1));
 
 class Viewer {
-  /* Draws on a canvas; throws where there is no WebGL 2. ``box``: low and high corner of what is to be seen. */
-  constructor(canvas, box, { floor, tick, flat }) {
+  /* Draws on a canvas; throws where there is no WebGL 2. ``box``: low and high corner of what is to be seen; ``detail``:
+     pixels that are drawn over those of the screen, along a side; ``smooth``: edges, which takes twice the time without a
+     graphics card. */
+  constructor(canvas, box, { floor, tick, flat, smooth = true }) {
     this.canvas = canvas;
-    Object.assign(this, { box, floor, tick, flat, turn: flat ? 0 : 0.35, tilt: flat ? 0 : 0.27, zoom: 1 });
-    const gl = (this.gl = canvas.getContext("webgl2", { antialias: true, stencil: true, preserveDrawingBuffer: true, premultipliedAlpha: true }));
+    Object.assign(this, { box, floor, tick, flat, turn: flat ? 0 : 0.35, tilt: flat ? 0 : 0.27, zoom: 1, detail: 1 });
+    const gl = (this.gl = canvas.getContext("webgl2", { antialias: smooth, stencil: true, preserveDrawingBuffer: true, premultipliedAlpha: true }));
     if (!gl) throw new Error("no WebGL 2");
     this.programs = {};
     for (const [name, texts] of Object.entries(SHADERS)) {
@@ -125,7 +127,7 @@ class Viewer {
 
   /* A body as ``mesh`` prepared it, in a mode of colours, faces of glass, lines, and light or dark around. */
   draw(mesh, { mode, panes, lines, dark, size }) {
-    const gl = this.gl, canvas = this.canvas, ratio = Math.min(2, window.devicePixelRatio || 1);
+    const gl = this.gl, canvas = this.canvas, ratio = this.detail * Math.min(2, window.devicePixelRatio || 1);
     [canvas.width, canvas.height] = [canvas.clientWidth, canvas.clientHeight].map((value) => Math.round(value * ratio));
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clearColor(0, 0, 0, 0);
@@ -172,4 +174,42 @@ class Viewer {
     gl.depthMask(true);
     for (const face of panes) this.plain(face.flat(), gl.LINE_LOOP, [...pane, 0.9]);
   }
+}
+
+/* A measured length: an arrow, a level one below the body and joined with its ends. */
+function dimension(viewer, { a, b, near, text }) {
+  const level = a[2] === b[2], round = level && a[0] === -b[0];
+  if (round) { // a diameter: seen from everywhere
+    const r = Math.hypot(...subtract(a, b)) / 2, [x, y] = viewer.right;
+    [a, b] = [[-r * x, -r * y, a[2]], [r * x, r * y, a[2]]];
+  }
+  let [p, q] = [viewer.project(a), viewer.project(b)];
+  const made = [];
+  if (level) {
+    const out = [0, 1].map((k) => -Math.abs(near) * Math.sign(viewer.ahead[k])), r = Math.abs(near); // of the body, towards the eye
+    const before = round ? [[-r * viewer.ahead[0], -r * viewer.ahead[1], a[2]]] : [[a[0], out[1], a[2]], [b[0], out[1], a[2]]];
+    const below = Math.min(viewer.canvas.clientHeight - 22, Math.max(p[1], q[1], ...before.map((place) => viewer.project(place)[1])) + 18);
+    for (const [x, y] of [p, q]) made.push(svg("line", { x1: x, y1: y, x2: x, y2: below + 4, class: "thin" }));
+    [p, q] = [[p[0], below], [q[0], below]];
+  }
+  made.push(svg("line", { x1: p[0], y1: p[1], x2: q[0], y2: q[1], "marker-start": "url(#head)", "marker-end": "url(#head)" }));
+  const [x, y] = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
+  made.push(svg("text", level ? { x, y: y + 16, "text-anchor": "middle" } : { x: x + 7, y: y + 4 }, text));
+  const defs = svg("defs"), head = svg("marker", { id: "head", viewBox: "0 0 10 6", refX: 10, refY: 3, markerWidth: 10, markerHeight: 6, markerUnits: "userSpaceOnUse", orient: "auto-start-reverse" });
+  head.append(svg("path", { d: "M0 0L10 3L0 6z" }));
+  defs.append(head);
+  return [defs, ...made];
+}
+
+// ---- packed numbers ----------------------------------------------------------------------------------------------
+async function inflated(base64, Kind) {
+  const packed = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+  const whole = new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate")));
+  return new Kind(await whole.arrayBuffer());
+}
+
+/* Sums of differences, in place, of each of ``count`` rows of ``long`` numbers. */
+function summed(values, long, count) {
+  for (let row = 0; row < count; row++) for (let k = 1; k < long; k++) values[row * long + k] += values[row * long + k - 1];
+  return values;
 }

@@ -4,6 +4,7 @@ import re
 import shlex
 import shutil
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -196,6 +197,12 @@ def test_the_command_names_what_is_not_by_default(run):
     assert words[:2] == ["run", "slump"]
     known = "--model=quarter --spacing=0.02 --yield-stress=500 --until=0.4 --every=0.05"
     assert sorted(words[2:]) == sorted(known.split())
+    record = page.RunRecord(run, None, None)
+    assert shlex.split(page.repeat_command(record))[1:] == words[1:], "the time limit that was given"
+    record.summary["parameters"]["until"] = None
+    assert "--until=0.4" in page.repeat_command(record), "it went on to another"
+    record.summary["simulated_seconds"] = 120.0
+    assert "--until" not in page.repeat_command(record), "that of the scene"
     other = {
         "parameters": {"side": 0.5, "far": None, "rise": 0.0},
         "scheme": "semi-implicit",
@@ -244,3 +251,9 @@ def test_the_section_of_a_block_is_its_middle_layer():
     assert drawn["place"].endswith("y = 25 cm")
     assert np.nanmax(np.array(drawn["across"], float)) == pytest.approx(0.5)
     np.testing.assert_allclose(drawn["surface"][1], 0.5)
+
+
+def test_the_section_of_a_cone_ends_at_the_floor():
+    scene = mps.slump_cone(model="quarter", spacing=0.02)
+    (across, *_, end), (up, *_, down) = drawings.section(replace(still(scene.fluid, 0.02), time=1.0), scene)["surface"]
+    assert across == pytest.approx(-end) and up == down == pytest.approx(0.0, abs=1e-9)

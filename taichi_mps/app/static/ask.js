@@ -14,6 +14,12 @@ export async function ask(what, query = {}) {
   return answer.ok ? answer.json() : {wrong: {"": `The server says ${answer.status}.`}};
 }
 
+// A message "key = value: what is wrong" without its beginning, to stand at the field of that key.
+export function told(key, text) {
+  const rest = text.startsWith(`${key} = `) ? text.slice(text.indexOf(": ") + 2) : text;
+  return rest.slice(0, 1).toUpperCase() + rest.slice(1);
+}
+
 // All that is wrong with an answer, as one text.
 export function reason(answer) {
   return Object.values(answer.wrong || {}).join("; ");

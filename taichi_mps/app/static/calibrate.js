@@ -1,6 +1,6 @@
 // The mix of measured tests: the answer first, then one picture, then the reasons.
 
-import {ask, h, listen} from "./ask.js";
+import {ask, h, listen, told} from "./ask.js";
 import {Stage} from "./stage.js";
 
 const FIRST = ["slump", "spread", "t500", "mini_cone", "v_funnel"];
@@ -45,6 +45,8 @@ export class Calibrate {
   set(name, text) {
     if (text.trim()) this.values[name] = text.trim();
     else delete this.values[name];
+    document.getElementById(`measured-${name}-wrong`).textContent = "";
+    this.inputs[name].removeAttribute("aria-invalid");
     const set = new URLSearchParams(this.values).toString();
     history.replaceState(null, "", `#calibrate${set && `?${set}`}`);
   }
@@ -73,7 +75,7 @@ export class Calibrate {
   mark(wrong) {
     for (const [name, input] of Object.entries(this.inputs)) {
       const text = wrong[name] || "";
-      document.getElementById(`measured-${name}-wrong`).textContent = text;
+      document.getElementById(`measured-${name}-wrong`).textContent = told(name, text);
       input.toggleAttribute("aria-invalid", Boolean(text));
       if (text) input.closest("details")?.setAttribute("open", "");
     }

@@ -1,6 +1,6 @@
 // The page: which test, its form, preview and run. All that is set stands in the address.
 
-import {ask, by, en206, h, icon, inTime, listen} from "./ask.js";
+import {ask, by, en206, h, icon, inTime, listen, told} from "./ask.js";
 import {Calibrate} from "./calibrate.js";
 import {Runs} from "./runs.js";
 import {Stage} from "./stage.js";
@@ -69,6 +69,7 @@ function choose(name, values) {
     button();
     numbers({}, {}, "");
     stage.clear();
+    delete by("stage").dataset.old;
     mode("preview");
   }
   if (other || state.scheme !== state.values.scheme) draw();
@@ -137,7 +138,11 @@ function set(name, text) {
   }
   write(name, text);
   mode("preview");
-  by("numbers").dataset.old = "";  // they are of the mix before
+  checking++;  // an answer under way is of the mix before
+  state.known = {space: state.known?.space};  // the forecast is of the mix before, as are numbers and body
+  button();
+  for (const id of ["numbers", "stage"]) by(id).dataset.old = "";
+  mark(name, "");
   source("");
   clearTimeout(resting);
   resting = setTimeout(look, REST);
@@ -169,16 +174,18 @@ async function forecast() {
 // What is wrong, at its field; what belongs to none above the button.
 function wrong(messages) {
   let rest = messages[""] || "";
-  for (const field of fields()) {
-    const input = by(`field-${field.name}`);
-    const text = (messages[field.name] || "").replace("must be left out", "must be left out: empty its field");
-    if (!input) continue;
-    by(`field-${field.name}-wrong`).textContent = text;
-    input.toggleAttribute("aria-invalid", Boolean(text));
-    if (text) input.closest("details")?.setAttribute("open", "");
-  }
+  for (const field of fields()) mark(field.name, (messages[field.name] || "").replace("must be left out", "must be left out: empty its field"));
   for (const [key, text] of Object.entries(messages)) if (key && !by(`field-${key}`)) rest += text;
   by("wrong").textContent = rest;
+}
+
+// A message at its own field, which needs no name and no value in it.
+function mark(name, text) {
+  const input = by(`field-${name}`);
+  if (!input) return;
+  by(`field-${name}-wrong`).textContent = told(name, text);
+  input.toggleAttribute("aria-invalid", Boolean(text));
+  if (text) input.closest("details")?.setAttribute("open", "");
 }
 
 async function preview() {
@@ -194,7 +201,7 @@ async function preview() {
       if (part.preparing && !state.computed) source("The preview is being made ready, some seconds at the first time.");
       if (part.remark) notice(part.remark);
       if (part.wrong) source("");
-      if (part.stage) stage.begin(part.stage);
+      if (part.stage) stage.begin(part.stage), delete by("stage").dataset.old;
       if (part.t !== undefined) {
         if (!stage.frames.length) by("stage").dataset.first = Math.round(performance.now() - start);
         stage.add(part);
@@ -257,8 +264,9 @@ function button() {
   const {known} = state, busy = state.job && !["done", "stopped", "failed"].includes(state.job.state);
   const made = by("go"), time = known?.seconds ? `, about ${inTime(known.seconds)}` : "";
   made.dataset.action = busy ? "stop" : "run";
-  made.disabled = Boolean(busy ? state.job.stopping : known?.wrong);
-  made.textContent = busy ? (state.job.stopping ? "Stopping …" : "Stop") : `${known?.space === false ? "Run" : "Run in 3-D"}${time}`;
+  made.disabled = Boolean(busy ? state.job.stopping : !known?.lines);
+  const ready = known?.lines || known?.wrong ? time : ", estimating …";
+  made.textContent = busy ? (state.job.stopping ? "Stopping …" : "Stop") : `${known?.space === false ? "Run" : "Run in 3-D"}${ready}`;
 }
 
 async function press(event) {
@@ -320,7 +328,8 @@ async function finished(job, last) {
   const run = await ask("show", {names: [job.run]});
   if (run.wrong) return source(`${job.title}: stopped before it began`);  // it has no folder yet
   if (run.film) by("picture").src = run.film;
-  numbers(run.numbers, run.errors, `${run.name}: ${run.mix}; ${run.end}`);
+  const stopped = job.state === "stopped";  // what it had reached by then is no result
+  numbers(stopped ? {} : run.numbers, run.errors, `${run.name}: ${run.mix}; ${run.end}${stopped ? `. ${run.result}` : ""}`);
 }
 
 // The last run with a result: whatever came later, it stays.
@@ -356,6 +365,9 @@ by("tests").append(...[...order, ...others].map((name) =>
 runs = new Runs(by("runs"), go);
 calibrate = new Calibrate(by("calibrate"), given.measurements || [], go);
 by("mix").addEventListener("submit", press);
+by("mix").addEventListener("keydown", (event) => {  // Enter ends a field; only the button runs
+  if (event.key === "Enter" && event.target.matches("input, select")) event.preventDefault(), look();
+});
 addEventListener("popstate", route);
 addEventListener("hashchange", route);
 setInterval(tick, TICK);
