@@ -199,7 +199,7 @@ class Problem:
         Parameters
         ----------
         mix : ndarray of int, shape (n,)
-            Numbers in ``materials``.
+            Numbers in ``scene.materials``.
 
         Returns
         -------
