@@ -6,8 +6,7 @@ from .constants import Term
 from .rheology import magnitude
 
 NEGLIGIBLE_DISPLACEMENT = 1e-3  # displacement during the run, over the height of the body, of a particle at rest
-
-PARTS = 32  # of the time for which a particle was left out, in each of which its structure grows at one rate
+STRUCTURE_STEPS = 32  # of the time for which a particle was left out, in each of which its structure grows at one rate
 
 
 @ti.data_oriented
@@ -43,5 +42,5 @@ class Standstill(Term):
         """The structure of a particle that was left out for a time [s] grows as at rest."""
         for k, growth in ti.static(self.stress.growths):
             if self.constants.mix(i) == k:
-                for _ in range(PARTS):
-                    self.particles.structure[i] += time / PARTS * growth(0.0, self.particles.structure[i])
+                for _ in range(STRUCTURE_STEPS):
+                    self.particles.structure[i] += time / STRUCTURE_STEPS * growth(0.0, self.particles.structure[i])
