@@ -156,7 +156,7 @@ def verdict(facts: dict) -> str:
         ]
         ends = [rounded(facts["yield_value"][end], 2) for end in ("low", "high")]
         head = f"No mix of the table ({ends[0]} to {ends[1]} Pa) does all of this"
-        return f"{head}{': ' * bool(statements)}{', '.join(statements)}."
+        return f"{head}{': ' if statements else ''}{', '.join(statements)}."
     known_texts, unknown = [], []
     for name, value in facts["mix"].items():
         words, unit, estimate = in_words(name), CONSTANT_UNITS[name], (facts["friction"] if friction else facts)[name]

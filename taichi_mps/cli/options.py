@@ -260,7 +260,7 @@ def parse_scene(command, argv, model, what, description=None):
     function = catalogue.load(known.scene) if known.scene else unnamed
     parser = Parser(command, what, description=description or (function.__doc__ or "").strip())
     parser._action_groups += [parser._action_groups.pop(0), parser._action_groups.pop(0)]  # what is asked first, first
-    parser.add_argument("scene", help=f"name: {names}{' or case file' * ('CASE' in what)}")
+    parser.add_argument("scene", help=f"name: {names}{' or case file' if 'CASE' in what else ''}")
     return known, function, parser
 
 

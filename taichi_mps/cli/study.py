@@ -109,7 +109,7 @@ def watching(varied, quiet: bool, options, planned, runs=None):
                 if local
                 else f"{duration_text(whole)} of processor time"
             )
-            text = f"{'at most ' * bool(runs)}{count - there} runs" + (f", {there} more are there" if there else "")
+            text = f"{'at most ' if runs else ''}{count - there} runs" + (f", {there} more are there" if there else "")
             print(f"taichi-mps: {text}: {takes}", file=sys.stderr, flush=True)
         for row in (row for row in rows if row["key"] not in reported):
             reported.add(row["key"])
@@ -237,7 +237,7 @@ def require_command(argv) -> int:
         arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters
     )
     facts = [asdict(border) | {"slumps_m": border.slumps_m} for border in borders]
-    tell(arguments, facts, "\n".join([*map(str, borders), f"{len(rows)} run{'s' * (len(rows) > 1)}: {folder}"]))
+    tell(arguments, facts, "\n".join([*map(str, borders), f"{len(rows)} run{'s' if len(rows) > 1 else ''}: {folder}"]))
     tell_chart("require_chart", borders, rows, wanted, folder / "require.png")
     return DONE
 

@@ -260,4 +260,4 @@ def choose(
         allowed += f"; spacings of {', '.join(sizes)} mm were" if sizes else ""
     if fitting and not keeping:
         allowed += f" that keeps the volume within {100.0 * MAX_VOLUME_ERROR:g} %"
-    raise SceneError(f"accuracy = {accuracy:g} m{' with ' * bool(given)}{given}: {allowed}")
+    raise SceneError(f"accuracy = {accuracy:g} m{' with ' if given else ''}{given}: {allowed}")

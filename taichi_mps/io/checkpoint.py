@@ -472,7 +472,8 @@ def laws(scene: Scene) -> tuple[str, ...]:
     tuple of str
         Attributes.
     """
-    return (*LAW_ATTRIBUTES, *("gravity",) * (scene.gravity_in_time is not None), *("jolts",) * bool(scene.jolts))
+    given = {"gravity": scene.gravity_in_time is not None, "jolts": bool(scene.jolts)}
+    return (*LAW_ATTRIBUTES, *(name for name in given if given[name]))
 
 
 def digest(scene: Scene, keys) -> str:

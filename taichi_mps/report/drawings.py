@@ -81,7 +81,7 @@ def profiles(summary: dict) -> list[dict]:
     """Charts of height [cm]: against the pressure [kPa] that a scene measures at several heights, and against what is
     filled there [%]."""
     layers = np.reshape(summary.get("filled_by_height") or [], (-1, 2))
-    filled = [curve("filled", 100.0 * layers[:, 1], 100.0 * layers[:, 0])] * bool(len(layers))
+    filled = [curve("filled", 100.0 * layers[:, 1], 100.0 * layers[:, 0])] if len(layers) else []
     found = [(AT_HEIGHT.fullmatch(key), value) for key, value in summary.items()]
     found = sorted((m[1], float(m[2]), value) for m, value in found if m and value is not None)
     curves = []

@@ -289,7 +289,7 @@ class Calibration(Mix):
             text += f"is {low} to {high} {'s' if is_time(name) else 'cm'}, that measured is off by {signed(name, by)}"
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             readings = [
-                f"the {NAMES.get(name, name)}{' alone' * (name in NAMES)} "
+                f"the {NAMES.get(name, name)}{' alone' if name in NAMES else ''} "
                 f"says {Constant(*it, 0.0, 0.0, CONSTANT_UNITS[constant]).value_or_bound()}"
                 for name, it in self.alone.get(constant, {}).items()
             ]

@@ -54,7 +54,7 @@ def column_meanings(keywords: dict, measures) -> tuple[dict[str, str], dict[str,
         end = next(end for end in UNITS if name.endswith(end))
         stem, unit = name.removesuffix(end), end[1:].replace("_per_", "/").replace("_", " ")
         units[name] = {"_m_s": "m/s", "_ratio": ""}.get(end, unit)
-        others = COLUMN_NAMES.get(stem, "") + " diameter" * (name == "spread_m")
+        others = COLUMN_NAMES.get(stem, "") + (" diameter" if name == "spread_m" else "")
         spellings[name] = [name, stem, title(name), *others.split()]
     return {key_of(word): name for name, words in spellings.items() for word in words}, units
 
@@ -123,7 +123,7 @@ def number(cell: str, unit: str, si_unit: str, where: str) -> float:
     try:
         return float(in_unit(si_unit, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
     except ValueError:
-        raise SceneError(f"{where} = {cell}: must be a number{f' [{si_unit}]' * bool(si_unit)}") from None
+        raise SceneError(f"{where} = {cell}: must be a number{f' [{si_unit}]' if si_unit else ''}") from None
 
 
 def measures_of(scene) -> list[str]:

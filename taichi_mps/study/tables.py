@@ -74,8 +74,8 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
     given = SEPARATOR.fullmatch(lines[skipped]) if lines[skipped:] else None
     skipped += bool(given)
     first, found, empty = skipped + 1, [], f"{where}is empty; must be a CSV file with a header and rows"
-    only_comments = "has comments (#) alone; its header must not begin with #" * any(map(COMMENT_LINE.match, lines))
-    require(lines[skipped:], f"{where}{only_comments}" if only_comments else empty)
+    only_comments = f"{where}has comments (#) alone; its header must not begin with #"
+    require(lines[skipped:], only_comments if any(map(COMMENT_LINE.match, lines)) else empty)
     try:
         counts = {sign: len(next(csv.reader(lines[skipped:], delimiter=sign))) for sign in "\t;,"}
         delimiter = given[1] if given else next((sign for sign in counts if counts[sign] > 1), ";")  # 18,5 is one cell
@@ -127,7 +127,7 @@ def key_of(text: str) -> str:
     diameter without another word stays one."""
     words = words_of(text)
     key = "".join(word for word in words if word not in IGNORED_WORDS).removesuffix("値")
-    return key or "diameter" * ("diameter" in words)
+    return key or ("diameter" if "diameter" in words else "")
 
 
 def words_of(text: str) -> list[str]:
