@@ -21,7 +21,7 @@ def return_mapping(trial, plastic_viscosity, yield_stress, mu_r, variation=0.0):
     factor = (yield_stress + plastic_viscosity * rate) / ti.max(trial_magnitude, 1e-12) if rate > 0.0 else 1.0
     over = trial_magnitude - yield_stress + variation
     if variation > 1e-6 * yield_stress and over > 0.0:
-        # rate = x^2/part and x + mu_r rate = over, of x = tau - tau_y + variation
+        # rate = x^2/scale and x + mu_r rate = over, of x = tau - tau_y + variation
         scale = 4.0 * variation * plastic_viscosity
         x = 2.0 * over / (1.0 + ti.sqrt(1.0 + 4.0 * mu_r * over / scale))
         if x < 2.0 * variation:
