@@ -249,7 +249,10 @@ def progress(sim, recorder, quiet, verbose, clock):
             recorder.folder.tell(now | {"measures": recorder.measures})
 
         sim.each_step(show)
-        yield
+        try:
+            yield
+        finally:
+            gc.unfreeze()  # what is frozen at the exit is not destroyed, and only what is destroyed keeps its kernels
 
 
 def print_answer(summary: dict, verbose=False, stages=()) -> None:
