@@ -45,13 +45,13 @@ class ImplicitScheme(Scheme):
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
         super().__init__(problem, carried(problem), to_come, pairs_per_particle)
         scene, fluid, walls = problem.scene, self.fluid, self.fluid.walls
-        self.constants = Constants(fluid.particles, problem, fluid.gravity, fluid.twist)
+        self.may_be_full = problem.may_be_full(to_come)
+        self.constants = Constants(fluid.particles, problem, fluid.gravity, fluid.twist, self.may_be_full)
         self.sums = PairSums(fluid.particles, fluid.gradient, walls)
         # which terms the scene needs: the stages of the others do nothing
         several, holds = len(problem.scene.materials) > 1, any(not wall.slip for wall in walls.surfaces)
         directions = free_directions(scene, problem.numerics.walls)
         drifts = directions.any()
-        self.may_be_full = problem.may_be_full(to_come)
         # in a step the matrix changes with a viscosity that depends on the velocity, and with the friction of walls
         self.assembles_again = problem.law == "bi-viscosity"
         # and with the contacts of grains

@@ -71,8 +71,9 @@ class Term:
 class Constants:
     """Constants of each mix and scales of the scene: a field for each of MIX_FIELDS and SCENE_FIELDS."""
 
-    def __init__(self, particles, problem, gravity=None, twist=None):
-        """``gravity``: field [m/s2] that is written at the start of a step; ``twist``: field of its gradient [1/s2]."""
+    def __init__(self, particles, problem, gravity=None, twist=None, may_be_full=False):
+        """``gravity``: field [m/s2] that is written at the start of a step; ``twist``: field of its gradient [1/s2];
+        ``may_be_full``: whether the fluid may fill a closed vessel."""
         self.gravity, self.twist, self.twists = gravity, twist, twist is not None
         self.particles, self.mixes = particles, len(problem.scene.materials)
         self.of_mix = [ti.field(real(), self.mixes) for _ in MIX_FIELDS]
@@ -83,8 +84,9 @@ class Constants:
         curved = [(k, m) for k, m in enumerate(scene.materials) if m.curved and m.from_fields]
         self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
         changing = bool(scene.gravity_in_time or scene.jolts)
-        # 0 where weight may act along a periodic axis, on which nothing holds it, else 1; middle of the fluid [m]
-        self.has_supports = float(not np.any((changing | (scene.gravity_vector != 0.0)) & np.array(scene.periodic)))
+        # along a periodic axis nothing holds a weight
+        unsupported = np.any((changing | (scene.gravity_vector != 0.0)) & np.array(scene.periodic))
+        self.walls_may_hold = may_be_full and not unsupported  # the weight of all of the fluid, whose middle is [m]
         self.middle = scene.expected.fluid.mean(0).tolist()
         # by the number of a mix: numbers that its compiled flow curve reads
         self.laws = {k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=()) for k, m in curved}
@@ -183,7 +185,10 @@ class Constants:
     def density_held_by_walls(self):
         """Density whose weight the walls of a full closed box hold, whatever flows in it: that of the first mix; 0
         elsewhere [kg/m3]."""
-        return self.density[0] * (self.full[None] * self.has_supports)
+        held = ti.cast(0.0, float)
+        if ti.static(self.walls_may_hold):
+            held = self.density[0] * self.full[None]
+        return held
 
     @ti.func
     def head_density(self, i):

@@ -46,10 +46,12 @@ class Pressure(Term):
     @ti.func
     def hydrostatic(self, i):
         """Pressure [Pa] that the walls of a full closed box bear at particle i: of the first mix at rest, zero in the
-        middle."""
-        density = self.constants.density[0] * ti.cast(self.constants.has_supports, float)
-        height = ti.cast(self.particles.x[i] - ti.Vector(self.constants.middle, ti.f64), float)
-        return density * ti.cast(self.constants.gravity[None], float).dot(height)
+        middle; 0 where walls hold no weight."""
+        pressure = ti.cast(0.0, float)
+        if ti.static(self.constants.walls_may_hold):
+            height = ti.cast(self.particles.x[i] - ti.Vector(self.constants.middle, ti.f64), float)
+            pressure = self.constants.density[0] * ti.cast(self.constants.gravity[None], float).dot(height)
+        return pressure
 
     @ti.func
     def mean(self, i, fraction, pressure: ti.template()):
@@ -116,9 +118,10 @@ class Pressure(Term):
                             around += self.has_gap(self.neighbors.column[k])
                         surface += around >= self.dimension
             full = ti.cast(surface == 0 and rows > 10 * gaps, ti.i32)
-            if first == 0 and full != self.full[None]:
-                for i in range(self.particles.count[None]):
-                    self.particles.p[i] += (self.full[None] - full) * self.hydrostatic(i)
+            if ti.static(self.constants.walls_may_hold):  # noqa: SIM102  (a compiled choice stays apart)
+                if first == 0 and full != self.full[None]:
+                    for i in range(self.particles.count[None]):
+                        self.particles.p[i] += (self.full[None] - full) * self.hydrostatic(i)
             self.full[None] = full
 
     @ti.func
