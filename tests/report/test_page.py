@@ -102,7 +102,7 @@ def test_the_numbers_are_those_of_the_summary_and_the_history(run, tab):
     known = accuracy.expected("quarter", 0.02 / 0.3, accuracy.MixNumbers.of(500.0, 50.0))
     assert f"20 mm\t{300.0 * known.slump:.1f} mm\t{600.0 * known.reach:.0f} mm\t{known.volume:.1%}" in text
     curves = {curve["name"]: curve for chart in tab.evaluate("data.charts") for curve in chart["curves"]}
-    for name, key in (("slump", "slump_m"), ("share flowing", "flowing_fraction")):
+    for name, key in (("slump", "slump_m"), ("fraction flowing", "flowing_fraction")):
         known = 100.0 * np.interp(curves[name]["x"], history["time_s"], history[key])
         tolerance = 1e-2 if name == "slump" else 2e-2  # times have four digits, and the second falls steeply
         np.testing.assert_allclose(curves[name]["y"], known, atol=tolerance)
