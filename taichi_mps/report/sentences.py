@@ -29,8 +29,8 @@ MEASURED = "slump_m", "spread_m"  # measures that are columns of every history
 # arrays 8 to 20 bars wide (tests/boundaries/test_thin_bars.py)
 THIN, TOO_LITTLE, TOO_MUCH = (0.4, 0.64, 1.0), (5.0, 11.0, 10.0), (31.0, 15.0, 6.0)
 PASSING = "grains_number", "grains_passed_number", "mortar_passed_ratio"
-# share of the grains beyond, over that of the mortar, below which they may block; chance below which that is no chance;
-# share beyond that is taken for nothing
+# fraction of the grains beyond, over that of the mortar, below which they may block; probability below which it is not
+# by accident; fraction beyond that is taken for nothing
 HALF, RARE, NOTHING = 0.5, 0.01, 0.01
 # names of parts of a run other than their keys
 PARTS = {"ready": "making ready", "pictures": "last pictures", "report": "pictures and report"}
@@ -118,19 +118,19 @@ def grains(summary) -> list[str]:
 
 
 def passing(summary) -> list[str]:
-    """Sentence on how many grains are beyond the bars, and whether they pass: they block where their share there is
-    less than half of that of the mortar, and so few by a chance of less than one in a hundred if each went with it."""
+    """Sentence on how many grains are beyond the bars, and whether they pass: they block where their fraction there
+    is less than half of that of the mortar, and so few have a probability below 1 % if each went with it."""
     whole, passed, mortar = (summary.get(name) for name in PASSING)
     if passed is None or mortar is None or not whole:
         return []
-    n, k, share = round(whole), round(passed), min(max(mortar, 0.0), 1.0)
+    n, k, fraction = round(whole), round(passed), min(max(mortar, 0.0), 1.0)
     if summary.get("parameters", {}).get("bars", "none") in ("none", "no"):
-        text = f"{k} of {n} grains are beyond the opening, with {100.0 * share:.0f} % of the mortar."
+        text = f"{k} of {n} grains are beyond the opening, with {100.0 * fraction:.0f} % of the mortar."
     else:
-        chance = sum(math.comb(n, j) * share**j * (1.0 - share) ** (n - j) for j in range(k + 1))
-        verdict = "Passes" if k >= HALF * n * share else "Blocks" if chance < RARE else "Not decided"
-        verdict = verdict if max(k / n, share) > NOTHING else "Nothing passes"
-        text = f"{verdict}: {k} of {n} grains pass, the mortar follows at {100.0 * share:.0f} %."
+        chance = sum(math.comb(n, j) * fraction**j * (1.0 - fraction) ** (n - j) for j in range(k + 1))
+        verdict = "Passes" if k >= HALF * n * fraction else "Blocks" if chance < RARE else "Not decided"
+        verdict = verdict if max(k / n, fraction) > NOTHING else "Nothing passes"
+        text = f"{verdict}: {k} of {n} grains pass, the mortar follows at {100.0 * fraction:.0f} %."
     discs = (summary.get("grains") or {}).get("shape") == "disc"
     arch = "Discs in a plane arch otherwise than spheres: it tells no probability of a jam."
     return [f"{text} {arch if discs else 'A jam is a statistic: other seeds may tell otherwise.'}"]

@@ -1,7 +1,8 @@
 """From concrete to the mortar between its coarse aggregate, and back: yield stress and plastic viscosity.
 
 Source: Chateau, Ovarlez and Trung (2008), Journal of Rheology 52, 489-506, arXiv 1006.2293; phi_m and its range by
-Mahaut, Chateau, Coussot and Ovarlez (2008), Journal of Rheology 52, 287-313.
+Mahaut, Chateau, Coussot and Ovarlez (2008), Journal of Rheology 52, 287-313. The abstracts were read; phi_m, the
+exponent and the range are from memory.
 """
 
 import math
