@@ -4,6 +4,7 @@ fields, and init drops them all.
 LONGEST, PAGES and CORE name files by their place in tests/; the files must exist.
 """
 
+import os
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,9 @@ from hypothesis import HealthCheck, settings
 from taichi_mps.engine.runtime import backend
 
 TESTS = Path(__file__).parent
+
+for language in ("TI", "QD"):  # at 100 MB, the default, the first kernels of the suite go before its end
+    os.environ.setdefault(f"{language}_OFFLINE_CACHE_MAX_SIZE_OF_FILES", str(10**9))
 
 slow = {"deadline": None, "suppress_health_check": list(HealthCheck)}
 settings.register_profile("thorough", max_examples=2000, **slow)  # --hypothesis-profile thorough

@@ -9,6 +9,7 @@ from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomlkit
 
@@ -145,9 +146,10 @@ class ParsedError(Exception):
 def parsing_only(monkeypatch):
     """The command line stops where it would begin to compute, to draw or to write."""
     from taichi_mps.cli import main, options, study
+    from taichi_mps.engine.geometry.solid import Solid
     from taichi_mps.study import calibrate, calibrate_curves
 
-    parse, problem = options.Parser.parse, main.Problem
+    parse, problem, sample = options.Parser.parse, main.Problem, Solid.of
 
     def parsed(parser, argv):
         arguments = parse(parser, argv)
@@ -162,12 +164,18 @@ def parsing_only(monkeypatch):
         problem(*arguments)
         raise ParsedError
 
+    def sample_few(distance, low, high, cell, **keywords):
+        if np.prod(np.subtract(high, low) / cell) > 1e7:
+            raise ParsedError  # of a form that takes a minute, nothing but this is left to check
+        return sample(distance, low, high, cell, **keywords)
+
     def check_measurements(study=None, check=True, lift_speed=None, **told):
         calibrate.Measurements(**told)
         raise ParsedError
 
     monkeypatch.setattr(options.Parser, "parse", parsed)
     monkeypatch.setattr(main, "Problem", check_problem)
+    monkeypatch.setattr(Solid, "of", sample_few)
     monkeypatch.setattr(study, "sweep", stop)
     monkeypatch.setattr(calibrate_curves, "calibrate_curves", stop)
     monkeypatch.setattr(calibrate, "calibrate", check_measurements)
@@ -181,7 +189,7 @@ def test_commands_are_read(page, parsing_only, tmp_path, monkeypatch, capsys):
     files_of_the_pages(tmp_path)
     monkeypatch.chdir(tmp_path)
     text = page.read_text(encoding="utf-8")
-    for program, *words in commands(text):
+    for program, *words in dict.fromkeys(map(tuple, commands(text))):
         if program == "python" and words[0] == "-m":
             assert words[1] in ("pytest", "zensical", "tests.bounds", "validation"), words
             if words[1] == "validation":

@@ -10,7 +10,7 @@ import taichi_mps as mps
 DENSITY, VISCOSITY = 2300.0, 50.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_flow_of_an_open_channel_between_rough_sides_nears_the_series():
     """A channel twice as wide as deep, inclined by 10 degrees, carries half of a square duct's flow (White, Viscous
     Fluid Flow, 1991, eq. 3-48). Too much flows, 13 % with 6 particles across, 5 % with 12 and 1.5 % with 24: the error

@@ -153,7 +153,7 @@ def test_the_mould_holds_the_concrete_and_is_lifted_off_it():
     scene.check(sim.snapshot(), sim.measures())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_mould_of_rings_holds_them_and_gone_fast_is_gone_at_once():
     sims, inside = {}, []
     for speed in (0.15, 5.0, None):

@@ -69,7 +69,7 @@ def test_threads_of_a_gpu_take_each_row_once_and_are_started_once_a_loop(monkeyp
     assert numbers.x.to_numpy().tolist() == [1 + 100 + 101 + 10] * rows + [0] * (100 - rows)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_step_with_multigrid_is_that_of_the_processor(monkeypatch):
     monkeypatch.setattr(NodeMultigrid, "MIN_ROWS", 0)
     monkeypatch.setattr(NodeMultigrid, "SMALL_ROWS", 100)  # some grids by all threads of a GPU, others by one block

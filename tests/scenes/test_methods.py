@@ -357,7 +357,7 @@ MORTAR = {
     [
         pytest.param({"spacing": 0.01, "model": "axisymmetric"}, id="rings"),
         pytest.param(MORTAR | {"yield_value": 200.0}, id="mortar", marks=pytest.mark.slow),
-        pytest.param({}, id="hinged", marks=pytest.mark.slow),
+        pytest.param({}, id="hinged", marks=pytest.mark.long),
     ],
 )
 def test_a_flow_table_keeps_the_volume_and_spreads_it_jolt_by_jolt(settings):

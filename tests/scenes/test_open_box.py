@@ -16,7 +16,7 @@ def after(until, **settings):
     return sim.measures()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_gate_holds_what_it_has_not_left_yet():
     """A gate lifted by 2 mm of 40 mm holds a block that flows without it; a stiff block stands without a gate."""
     soft = {"yield_value": 5.0, "plastic_viscosity": 1.0}

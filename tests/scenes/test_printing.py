@@ -366,7 +366,7 @@ def corner(size, width, height, layers, speed, filament=10.0):
     return "\n".join(lines)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_tool_path_is_printed_as_it_is_commanded_until_its_foot_fails(written):
     """Beads of 30 x 10 mm round a corner on a smooth floor: two layers have the commanded width and height; nothing
     holds their place there. The lowest layer is the first to become a tenth wider, between the heights

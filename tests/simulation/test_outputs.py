@@ -56,7 +56,7 @@ RUNS = pytest.mark.parametrize(
         pytest.param(
             "slump", {"model": "quarter", "spacing": 0.025}, mps.Implicit(sleep="on"), 5.0, marks=pytest.mark.slow
         ),
-        pytest.param("slump", {"spacing": 0.03}, mps.SemiImplicit(), 0.2, marks=pytest.mark.slow),
+        pytest.param("slump", {"spacing": 0.03}, mps.SemiImplicit(), 0.2, marks=pytest.mark.long),
     ],
     ids=["film", "rings", "quarter", "sleeping", "semi-implicit"],
 )
@@ -143,7 +143,7 @@ def recorded(folder, sim, stop_at=None):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["implicit", "semi-implicit"])
+@pytest.mark.parametrize("scheme", ["implicit", pytest.param("semi-implicit", marks=pytest.mark.long)])
 def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, scheme):
     """Steps and frames are the same although the run was interrupted between two outputs, the next of which lies in the
     step after the checkpoint."""

@@ -47,8 +47,8 @@ print(start, end, again)
 @pytest.mark.parametrize(
     ("precision", "model", "spacing"),
     [
-        pytest.param("f32", "axisymmetric", "0.0019", marks=pytest.mark.slow),
-        pytest.param("f32", "full", "0.0095", marks=pytest.mark.slow),
+        pytest.param("f32", "axisymmetric", "0.0019", marks=pytest.mark.long),
+        pytest.param("f32", "full", "0.0095", marks=pytest.mark.long),
         pytest.param("f64", "full", "0.0095", marks=pytest.mark.long),
     ],
 )

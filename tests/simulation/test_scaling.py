@@ -30,7 +30,7 @@ def cone(length, yield_value, plastic_viscosity, spacing=0.025, **settings):
 @pytest.mark.parametrize(
     ("model", "yield_value", "plastic_viscosity", "length"),
     [
-        pytest.param("axisymmetric", 300.0, 50.0, 0.25, marks=pytest.mark.slow),
+        pytest.param("axisymmetric", 300.0, 50.0, 0.25, marks=pytest.mark.long),
         pytest.param("axisymmetric", 120.0, 100.0, 4.0, marks=pytest.mark.long),
         pytest.param("quarter", 300.0, 50.0, 4.0, marks=pytest.mark.long),
     ],

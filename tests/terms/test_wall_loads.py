@@ -94,7 +94,7 @@ def test_torque_of_circular_couette_flow():
     assert found["torque_bob_N_m_per_m"] == pytest.approx(-found["torque_cup_N_m_per_m"], rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_torques_on_all_walls_are_what_the_angular_momentum_loses():
     """A vane turns in a cup of Bingham paste, whose plug is stiff against hourglass modes."""
     sim = mps.Simulation(catalogue.build("vane", spacing=0.004))
@@ -122,7 +122,7 @@ def test_a_slow_paste_with_a_flow_curve_converges_in_a_full_vessel():
     assert torque["vane"] == pytest.approx(-torque["cup"], rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_turns_with_its_vessel_is_not_held_back():
     """A blade that turns with its cup moves as a rigid body with the fluid, without torque and strain."""
     spacing, turning = 0.005, {"angular_velocity": TURN}
@@ -143,8 +143,8 @@ def test_what_turns_with_its_vessel_is_not_held_back():
     assert blade.distance(s.x, sim.time).min() > 0.25 * spacing, "the distance turns with the blade"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", ["quarter", pytest.param("axisymmetric", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("model", ["quarter", "axisymmetric"])
 def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
     """The floor of a part of the cone carries the weight less the gain of momentum, without a force along it or a
     torque."""
@@ -159,7 +159,7 @@ def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
     assert np.abs(load.torque).max() < 1e-5 * weight * 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_body_at_rest_presses_on_smooth_sides_as_a_liquid():
     """The pressure on the sides is rho g times the depth, in three layers, within the discretisation of ten
     particles."""
