@@ -87,6 +87,7 @@ def checked_by_mypy(text, tmp_path):
     return {int(line): message for line, message in found}
 
 
+@pytest.mark.slow
 def test_an_editor_passes_a_right_script_and_refuses_each_wrong_line(tmp_path):
     assert not checked_by_mypy(RIGHT, tmp_path)
     known, wrong = len(RIGHT.splitlines()), len(WRONG.strip().splitlines())

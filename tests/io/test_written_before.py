@@ -28,6 +28,7 @@ def folder(tmp_path):
     return RunFolder(shutil.copytree(WRITTEN, tmp_path / "run"))
 
 
+@pytest.mark.slow
 def test_a_checkpoint_goes_on_as_it_would_have_gone_on_there(folder):
     """All fields of an older checkpoint are read, and two steps later positions are those of that version within a
     twentieth of a spacing; the strain rate is now that of the end of a step."""

@@ -291,6 +291,7 @@ def test_refusals(name, keywords, message):
         catalogue.build(name, **keywords)
 
 
+@pytest.mark.slow
 def test_a_gate_is_lifted_and_times_are_in_the_summary(tmp_path):
     """In the L-flow in the plane the gate holds the column above its lower edge without a leak, and the times of
     summary.json are those of history.csv, also after a resume."""
@@ -355,7 +356,7 @@ MORTAR = {
 @pytest.mark.parametrize(
     "settings",
     [
-        pytest.param({"spacing": 0.01, "model": "axisymmetric"}, id="rings"),
+        pytest.param({"spacing": 0.01, "model": "axisymmetric"}, id="rings", marks=pytest.mark.slow),
         pytest.param(MORTAR | {"yield_value": 200.0}, id="mortar", marks=pytest.mark.slow),
         pytest.param({}, id="hinged", marks=pytest.mark.long),
     ],

@@ -36,6 +36,7 @@ def after(sim, state, gravity, steps=1):
     return sim.snapshot()
 
 
+@pytest.mark.slow
 def test_the_vortex_is_the_same_with_and_without_gravity(cavity):
     """Bit for bit, for the weight less that of the first mix is nothing. The pressure that is read has the hydrostatic
     one, and all walls together carry the weight but for what their corners miss, less than half a layer."""

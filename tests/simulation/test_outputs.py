@@ -168,6 +168,7 @@ def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, sch
     require_equal(one, parts, scene)
 
 
+@pytest.mark.slow
 def test_a_run_that_several_limits_stopped_has_the_files_of_one_without(tmp_path):
     """Limits before the first step, between outputs, and in the same step."""
     sim = mps.Simulation(catalogue.build("slump", until=0.12, **RINGS))

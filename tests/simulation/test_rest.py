@@ -144,6 +144,7 @@ def test_a_cone_that_stands_is_quiet(spacing, passes):
         assert np.quantile(speeds, 0.999, axis=1).max() < slow and np.max(speeds) < 3.0 * slow
 
 
+@pytest.mark.slow
 def test_a_body_that_is_set_aside_as_a_whole_comes_to_rest():
     """A body that is left out as a whole comes to rest: its zero speed between steps of all particles does not count as
     the start of another motion."""

@@ -30,6 +30,7 @@ def in_threads(*calls):
     return [future.exception() or future.result() for future in futures]
 
 
+@pytest.mark.slow
 def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix_until_init_is_called_again():
     """Two simulations are independent in turn and in parallel; the first step is taken in the thread that called
     init(), in which a Simulation is made."""
@@ -63,6 +64,7 @@ def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix_until_init_is
             use()
 
 
+@pytest.mark.slow
 def test_a_simulation_is_gone_where_taichi_itself_is_started_after_init():
     """It is told; the process ended, with a notebook and all that it held."""
     sim = film()

@@ -35,6 +35,7 @@ def test_a_mini_cone_keeps_its_volume():
     assert 0.0 < sim.report.volume_error_max < 0.015
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(dimension):
     """The loss of volume is found although the surface normals of a pair point to each other, so that no particle is

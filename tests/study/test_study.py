@@ -260,6 +260,7 @@ def test_the_chart_of_a_study_names_unit_and_values_and_leaves_out_what_failed(m
 
 
 # ---- one compilation for all materials -------------------------------------------------------------------------
+@pytest.mark.slow
 def test_materials_of_one_law_share_their_kernels(tmp_path):
     """Half the density, viscosity and yield stress are the same motion under gravity to the last bit, since every
     number of the material reaches kernels compiled for another one. A row has all measures, those of the course
@@ -284,6 +285,7 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
     assert failed["status"] == "failed" and "lift_speed = 0.1 m/s" in failed["reason"]
 
 
+@pytest.mark.slow
 def test_a_run_of_a_study_tells_its_warnings_in_its_row_and_not_on_the_screen(tmp_path, recwarn):
     text = Path(catalogue.locate("film")).read_text().replace("measure=measure", "measure=lambda s: {'odd': 'x'}")
     (tmp_path / "odd.py").write_text(text)
@@ -292,6 +294,7 @@ def test_a_run_of_a_study_tells_its_warnings_in_its_row_and_not_on_the_screen(tm
     assert f"({row['reason']})" in outcome(row) and not recwarn.list
 
 
+@pytest.mark.slow
 def test_a_case_of_a_flow_table_has_its_flow():
     """The flow is the spread after the last jolt over the mould's foot of 200 mm."""
     how = {"spacing": 0.02, "model": "axisymmetric", "wait": 0.3, "period": 0.3}
@@ -326,6 +329,7 @@ def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
     assert set(mps.Bingham.from_fields) <= set(mps.Bingham.model_fields)
 
 
+@pytest.mark.slow
 def test_t500_of_a_case_is_that_of_all_steps():
     """A case measures the slump flow at some steps only; T500, interpolated in time, is that of all within 1 %."""
     soft = {"model": "axisymmetric", "spacing": 0.02, "yield_value": 30.0, "plastic_viscosity": 50.0, "until": 5.0}

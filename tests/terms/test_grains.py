@@ -133,6 +133,7 @@ def test_a_disc_rolls_down_a_slope_with_two_thirds_of_its_weight_along_it_and_pr
     assert abs(grains.centres[0, 1] - grains.radii[0]) < 1e-3 * L0
 
 
+@pytest.mark.slow
 def test_a_disc_slips_on_a_slope_steeper_than_three_times_its_friction():
     sim, along, across = slope(1.5, 0.4)
     assert sim.grains.velocities[0, 0] == pytest.approx(G * (along - 0.4 * across) * sim.time, rel=1e-3)
@@ -176,6 +177,7 @@ def pool(material, extra, **more):
     return mps.Simulation(mps.Scene("pool", material, L0, x, domain, walls, grains=grains, until=10.0, **more))
 
 
+@pytest.mark.slow
 def test_grains_in_a_yield_stress_that_holds_them_stand_without_creep():
     """In 60 Pa, heavier by 300 kg/m3: their weight over tau_y D is 1.5, the limit for a disc about 12. What is left is
     the settling of the pool, which dies away."""

@@ -106,6 +106,7 @@ def weight_at(sim, stress):
     return at_start, term.weight.to_numpy()[first]
 
 
+@pytest.mark.slow
 def test_the_weight_makes_the_first_row_slide_as_the_exact_film(yielding):
     """Where the wall carries tau_y + s, s < f l0, a plug slides over the film by s^2/(2 f eta): the rate of the first
     row, this speed over l0, needs tau_y + s^2/(2 f l0) there, while the wall must carry tau_y + s."""

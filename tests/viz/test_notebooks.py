@@ -46,6 +46,7 @@ def run(path):
     return space, shown
 
 
+@pytest.mark.slow
 def test_the_first_slump_is_that_of_the_finite_elements_in_five_cells():
     space, (_, before, after, figure, report) = run(BOOKS[0])
     assert before.shape == after.shape == (540, 960, 3) and before.std() > 10 and np.any(before != after)
