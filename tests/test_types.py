@@ -3,6 +3,8 @@ script and a wrong one. tests/test_docstrings.py asks that all public functions 
 
 import re
 
+import pytest
+
 from taichi_mps.input.catalogue import SlumpKeywords, load
 from tests.support.child import ROOT, child
 

@@ -133,7 +133,7 @@ def test_a_jolt_gives_a_free_block_the_velocity_of_its_distance_from_the_hinge(d
 @pytest.mark.parametrize(
     ("frame", "spacing", "numerics"),
     [
-        ("gravity", L0, {"passes": 6}),
+        pytest.param("gravity", L0, {"passes": 6}, marks=pytest.mark.slow),
         pytest.param("floor", L0 / 2, {"passes": 24, "max_time_step": 1.0 / 384.0}, marks=pytest.mark.slow),
     ],
 )
