@@ -104,6 +104,7 @@ def test_a_thin_plate_holds_a_column():
     assert abs(s.x[:, 1].max() + 0.5 * l0 - 0.6) < 1.5 * l0
 
 
+@pytest.mark.slow
 def test_nothing_leaks_where_walls_meet():
     """A block that collapses in a tilted box with a step, one solid, does not leak at inner and outer edges and
     corners."""

@@ -70,6 +70,7 @@ def test_nodes_of_a_spray_for_which_there_is_no_room_are_left_out():
     np.testing.assert_allclose(coarse, plain, atol=1e-6 * np.abs(plain).max())
 
 
+@pytest.mark.slow
 def test_levels_change_the_iterations_and_not_the_answer(small):
     """Multigrid gives the solution of Jacobi in a tenth of the iterations, and 16 times as many particles need more of
     them by the ratio of the numbers of grids at most, 6 to 4: each adds no more than its own error."""
