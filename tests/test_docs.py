@@ -138,8 +138,9 @@ def commands(text, captions=True):
             yield words
 
 
-class ParsedError(Exception):
-    """A command line was read to its end, and its values were checked."""
+class ParsedError(BaseException):
+    """A command line was read to its end, and its values were checked. No error, which a scene would tell as its
+    own."""
 
 
 @pytest.fixture
