@@ -9,7 +9,7 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from ..engine import Snapshot, embed, interpolate, still, surface
+from ..engine import Snapshot, embed, frame_between, still, surface
 from ..input.labels import in_words, title, unit_of_measure
 from ..units import SceneError
 from ..viz.body import SECTORS, profile, smooth_surface
@@ -224,7 +224,7 @@ def with_intermediate_frames(frames, parts: int):
     for earlier, later in pairwise(frames):
         yield earlier
         for k in range(1, parts):
-            yield interpolate(earlier, later, earlier.time + k / parts * (later.time - earlier.time))
+            yield frame_between(earlier, later, earlier.time + k / parts * (later.time - earlier.time))
     yield frames[-1]
 
 

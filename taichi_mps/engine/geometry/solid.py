@@ -28,8 +28,8 @@ from ...units import (
     vector,
 )
 from .concave_edges import NODES_PER_SLAB, interpolate
-from .in_time import Moving, table_of_time
 from .meshes import MAX_LENGTH_IN_REACHES, check_bodies, extend_upwards, mesh_distance, read_mesh, unite_bodies
+from .time_dependent import Moving, table_of_time
 from .walls import Friction, check_surface, require_same_dimension, spin
 
 

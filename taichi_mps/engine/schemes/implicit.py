@@ -95,7 +95,7 @@ class ImplicitScheme(Scheme):
         # friction is found together with the stress
         self.viscous_iterations = 0 if walls.have_friction else VISCOUS_ITERATIONS
         self.first = True  # whether the next step is the first one, or that of a jolt
-        self.rows = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, fluid.particles.capacity)
+        self.field_io = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, fluid.particles.capacity)
         self.diagnostics = Diagnostics(
             fluid, self.constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations, self.residuals
         )
