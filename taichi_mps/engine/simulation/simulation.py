@@ -150,7 +150,9 @@ class Simulation:
         self._require_sound()
         if self.all_active or report.moving_speed > 0.0:  # a step without active particles tells nothing
             self.rest.observe(report.moving_speed, self.time)
-        self.rest.reached(self)  # which notes since when
+        self._rests = self.rest.reached(
+            self
+        )  # of this step: it notes since when, and reads particles beside moving walls
         self._count_seconds(cpu)
         return self.report
 
@@ -403,7 +405,6 @@ class Simulation:
 
     def _why_stop(self, until) -> str | None:
         unyielded, at_rest = self.numerics.unyielded_stop, self.scene.stop_at_rest
-        rests = at_rest and unyielded is None and self.rest.reached(self)  # asked after each step: it notes since when
         reasons = {
             "interrupted": self._interrupted,
             "time": self.time >= until - INSTANT and self.all_active,
@@ -411,7 +412,11 @@ class Simulation:
             and unyielded
             and self.time > max(0.05, self.scene.last_change)
             and self.report.unyielded_fraction >= unyielded,
-            "rest": rests and all(pouring.done for pouring in self.pouring) and self.all_active,
+            "rest": at_rest
+            and unyielded is None
+            and self._rests
+            and all(pouring.done for pouring in self.pouring)
+            and self.all_active,
         }
         return next((reason for reason, holds in reasons.items() if holds), None)
 

@@ -34,7 +34,7 @@ class Shifting(Term):
         super().__init__(fluid, shifts_in_tension=shifts_in_tension, spacing=fluid.gradient.spacing)
         self.shift = ti.Vector.field(self.dimension, real(), self.capacity)  # displacement [m]
         # tension over the shear stress, 1 at most, times the part of what is viscous in the hourglass resistance [-]
-        self.tension_fraction = ti.field(real(), self.capacity)
+        self.relative_tension = ti.field(real(), self.capacity)
         if shifts_in_tension:
             self.tension = ti.field(real(), self.capacity)  # part of the shift that tension calls for [-]
             self.mean = ti.Vector.field(self.dimension, real(), self.capacity)  # mean shift of neighbours [m]
@@ -56,7 +56,7 @@ class Shifting(Term):
             tension = 1.0 - pressure.p[i] / ti.max(stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9)
             # a full closed box is kept out of tension
             viscous = (1.0 - inertial_viscosity / viscosity) * (1 - pressure.full[None])
-            self.tension_fraction[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
+            self.relative_tension[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
 
     @ti.func
     def correction_fraction(self, i, dt, strain):
@@ -98,7 +98,7 @@ class Shifting(Term):
                 if ti.static(self.shifts_in_tension):
                     perturbation *= ti.min(1.0, deforming / ti.max(self.tension[i], 1e-12))
                     fraction = ti.max(deforming, self.tension[i])
-                more = (TENSION_SHIFT_COEFFICIENT - SHIFT_COEFFICIENT) * self.tension_fraction[i]
+                more = (TENSION_SHIFT_COEFFICIENT - SHIFT_COEFFICIENT) * self.relative_tension[i]
                 move = -(SHIFT_COEFFICIENT + more) * l0 * repulsion + PERTURBATION * l0 * perturbation
                 inward = self.gradient.surface_normal[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
