@@ -238,7 +238,7 @@ def require_command(argv) -> int:
     )
     facts = [asdict(border) | {"slumps_m": border.slumps_m} for border in borders]
     tell(arguments, facts, "\n".join([*map(str, borders), f"{len(rows)} run{'s' if len(rows) > 1 else ''}: {folder}"]))
-    tell_chart("require_chart", borders, rows, wanted, folder / "require.png")
+    tell_chart("borders_chart", borders, rows, wanted, folder / "require.png")
     return DONE
 
 

@@ -170,7 +170,7 @@ def filling(part: Snapshot, cavity) -> dict | None:
 
 
 # ---- the film ----------------------------------------------------------------------------------------------------
-def film(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[dict, Snapshot]:
+def film_data(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[dict, Snapshot]:
     """Film of the body from evenly chosen outputs of a run that fit into ``room`` bytes, including the first and the
     last, with interpolated states in between if there are few; and the computed part at the last output. SceneError if
     the run has no output yet.
@@ -255,7 +255,7 @@ def position_scale(shapes):
 
 
 def pack(x, normals, speed, flowing, links, fastest, low, step) -> dict[str, bytes]:
-    """Pack one picture into bytes as described in ``film``."""
+    """Pack one picture into bytes as described in ``film_data``."""
     codes = np.round((x - low) / step).astype(np.int32)
     links = np.sort(links, axis=1)
     links = links[np.argsort(links[:, 0], kind="stable")] if links.size else links

@@ -25,7 +25,7 @@ from ..units import (
     unit_of,
 )
 from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, Calibration, FrictionalMix, is_time
-from .case import T500_SPREAD, case, run
+from .case import T500_SPREAD, case_of, run_case
 from .emulator import DENSITY, FRICTION_TABLE, RESULT_COLUMNS, Emulator, emulator_of, scale
 from .fit import Tables, fit
 
@@ -208,7 +208,7 @@ def refinement(emulators: dict[str, Emulator], found: Calibration) -> dict[str, 
     ratios, effect = np.log(np.array(list(found.values.values())) / found.density), {}
     for scene in (scene for scene in REFINED_TESTS if scene in emulators):
         emulator = emulators[scene]
-        row = run(case(scene, **emulator.settings | found.keywords | {"spacing": 0.5 * emulator.spacing}))
+        row = run_case(case_of(scene, **emulator.settings | found.keywords | {"spacing": 0.5 * emulator.spacing}))
         require(row["status"] == "done", f"the finer run failed: {row['reason']}")
         for name, before in emulator.at(*ratios).items():
             after = np.array(row.get(RESULT_COLUMNS[scene][name]), float)  # nan where it was not measured

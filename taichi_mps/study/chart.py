@@ -178,7 +178,7 @@ def curves_chart(found, out) -> Path:
     return _save(figure, out)
 
 
-def require_chart(borders, rows, wanted, out) -> Path:
+def borders_chart(borders, rows, wanted, out) -> Path:
     """Draw the mixes that were run, those that fill the form and those that do not, as yield stress against plastic
     viscosity, with the border between them and lines of equal slump."""
     (figure, axes), emulator, density = _figure(8.0, 5.4), emulator_of(), borders[0].density

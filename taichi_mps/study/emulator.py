@@ -174,8 +174,8 @@ class Emulator:
         squares = dict.fromkeys(self.scatter, 0.0)
         for plane, weight in self.planes_at(*point[2:]):
             for name, (_, first, errors) in plane.items():
-                yields, case = np.unique(first, return_inverse=True)
-                mean_squares = np.bincount(case, errors**2) / np.bincount(case)
+                yields, group = np.unique(first, return_inverse=True)
+                mean_squares = np.bincount(group, errors**2) / np.bincount(group)
                 squares[name] += float(weight * np.interp(point[0], yields, mean_squares))
         return {name: self.scatter[name] * (each / self.mean_squares[name]) ** 0.5 for name, each in squares.items()}
 

@@ -63,7 +63,7 @@ def test_a_file_of_somebody_else_is_refused_by_that(tmp_path, monkeypatch, name)
 def test_the_digest_of_a_case_reads_no_file_without_end(tmp_path):
     sparse(tmp_path / "bars.stl")
     with pytest.raises(SceneError, match="bars.stl: has 2e"):
-        case.case("wall", rebar=str(tmp_path / "bars.stl"))
+        case.case_of("wall", rebar=str(tmp_path / "bars.stl"))
 
 
 def test_a_checkpoint_holds_particles_of_its_domain():

@@ -239,7 +239,7 @@ def test_what_does_not_fit_is_left_out_evenly(run):
     ],
 )
 def test_the_first_sentence_tells_the_scenes_own_results_where_it_has_none_of_a_known_test(summary, told):
-    assert sentences.measured({"stopped_by": "time", "cpu_seconds": 1.0, **summary}) == told
+    assert sentences.main_results({"stopped_by": "time", "cpu_seconds": 1.0, **summary}) == told
 
 
 def test_the_section_of_a_block_is_its_middle_layer():

@@ -18,8 +18,8 @@ from ...units import (
     SceneError,
     Size,
     Text,
-    answer,
     array,
+    numbers_from,
     points,
     quote,
     real,
@@ -42,7 +42,7 @@ def polygon_corners(corners):
 
 def evaluate_distance(function, x):
     """Evaluate a user's distance function [m] at points (n, d); SceneError where it gives no finite numbers."""
-    found = answer("distance", function, x)
+    found = numbers_from("distance", function, x)
     wrong = f"distance = {quote(function, '')}: must give a finite number [m] for each point, (n,)"
     require(found.size == len(x) and np.all(np.isfinite(found)), wrong)
     return found

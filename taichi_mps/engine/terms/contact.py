@@ -96,9 +96,9 @@ class Contacts(Term):
     def find_wall_contacts(self, g, k: ti.template(), wall: ti.template()):
         """Contacts of grain g with wall k: the point nearest to its particles, and others in other directions."""
         centre, radius, begin = self.rigid.centre[g], self.rigid.radius[g], self.number[g]
-        for turn in range(MAX_WALL_CONTACTS):
+        for n in range(MAX_WALL_CONTACTS):
             least, towards = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
-            if turn == 0 or self.number[g] == begin + turn:
+            if n == 0 or self.number[g] == begin + n:
                 for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
                     distance, point, _velocity = self.nearest_point(wall, centre + self.rigid.arm[m])
                     away = (point - centre).norm()
