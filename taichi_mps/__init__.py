@@ -24,6 +24,9 @@ _MOVED = {
     "simulation.forecast": "forecast.cost",
     "simulation.reuse": "study.reuse",
     "simulation.summary": "io.summary",
+    "study.curves": "study.measured_curves",
+    "study.mixes": "study.measured_mixes",
+    "terms.wall_loads": "engine.terms.wall_forces",
     "viz.notebook": "io.notebook",
 }
 

@@ -13,8 +13,8 @@ from ..report.sentences import duration_text
 from ..units import notes, require, suggestion
 from .calibration import rounded
 from .case import Case, case_of, run_case
-from .curves import Curve, CurveFit, Test, measures_of, read_curves
 from .fit import DIFFERENCE_STEP, constants_of, prior_of, worth_of
+from .measured_curves import Curve, CurveFit, Test, measures_of, read_curves
 from .sweep import executor_of, run_cases, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve

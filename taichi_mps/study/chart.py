@@ -12,9 +12,9 @@ from ..input import catalogue
 from ..input.labels import in_words, title, unit_of_measure
 from ..units import Picture, Place, quote, require, unit_of, validated, writing
 from .calibrate import CONE_RESULTS
-from .curves import SHEAR_RATES
 from .emulator import DENSITY, emulator_of, positive
-from .mixes import VERDICTS
+from .measured_curves import SHEAR_RATES
+from .measured_mixes import VERDICTS
 from .require import fills
 from .tables import measures, read
 

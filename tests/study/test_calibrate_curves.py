@@ -13,7 +13,7 @@ import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.input import catalogue
 from taichi_mps.study import calibrate_curves as curves
-from taichi_mps.study.curves import SHEAR_RATES, measures_of, read_curves
+from taichi_mps.study.measured_curves import SHEAR_RATES, measures_of, read_curves
 
 pytest.importorskip("scipy")
 

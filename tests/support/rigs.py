@@ -122,10 +122,10 @@ class Rig:
         for i in range(self.particles.count[None]):
             self.F[i] = self.sums.force(i)
 
-    def gradients(self, u, motion=0.0):
-        """Velocity gradients (n, t, t) [1/s] of u (n, d); ``motion`` 1 with the walls' own velocity."""
+    def gradients(self, u, wall_motion=0.0):
+        """Velocity gradients (n, t, t) [1/s] of u (n, d); ``wall_motion`` 1 with the walls' own velocity."""
         self.u.from_numpy(np.ascontiguousarray(u))
-        self._gradients(motion)
+        self._gradients(wall_motion)
         return self.G.to_numpy()
 
     def fits(self, u):

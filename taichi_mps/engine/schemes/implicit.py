@@ -27,7 +27,7 @@ from ..terms.shifting import RELAXATION_SHIFTS, Shifting, is_uneven
 from ..terms.standstill import Standstill
 from ..terms.strain_rate import SolvedRate, StrainRate
 from ..terms.stress import Stress
-from ..terms.wall_loads import WallFriction, WallLoads
+from ..terms.wall_forces import WallFriction, WallLoads
 from ..terms.wall_stress import WallStress, no_force
 from .diagnostics import Diagnostics
 from .scheme import Scheme
