@@ -16,7 +16,7 @@ from ..io.run_folder import strict
 from ..io.summary import summary as summary_of
 from ..units import regular_file, user_path
 
-T500_SPREAD = 0.5  # slump flow [m] that defines T500: EN 12350-8
+T500_SLUMP_FLOW = 0.5  # slump flow [m] that defines T500: EN 12350-8
 MIN_INTERVAL, MIN_FRACTION = 0.02, 0.05  # [s] and [-] of the time so far, between two measurements of a slump flow
 SUMMARY_COLUMNS = "stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max"  # kept in a row
 SUMMARY_COLUMNS += "cpu_seconds", "compile_seconds", "version"

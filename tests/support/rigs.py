@@ -116,7 +116,7 @@ class Rig:
     @ti.kernel
     def _forces(self):
         for i in range(self.particles.count[None]):
-            self.sums.set_flux(i, self.gradient.spread_stress(i, self.T[i]))
+            self.sums.set_flux(i, self.gradient.stress_flux(i, self.T[i]))
         for i in range(self.particles.count[None]):
             self.sums.gather_fluxes(i)
         for i in range(self.particles.count[None]):

@@ -49,7 +49,7 @@ class Gradient:
         self.neighbour_count = ti.field(real(), particles.capacity)  # neighbours, those behind walls included [-]
         if self.axisymmetric:
             self.ratio = ti.field(real(), particles.capacity)  # cross-section of the ring over l0^2 [-]
-            self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress that was spread last [N]
+            self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress of the last flux [N]
             ratios = MAX_RING_RATIO / ENTRIES * np.arange(1, ENTRIES + 1)
             self.ring_sums = ring_table(spacing, self.effective_radius, ratios, self.weight)
             # n0 and packing [-] of a lattice with these ratios
@@ -260,7 +260,7 @@ class Gradient:
         return self.tensor(i, G, u), ti.max(0.0, square - (G * H).sum()) / self.full_weight(i)
 
     @ti.func
-    def spread_stress(self, i, T):
+    def stress_flux(self, i, T):
         """Flux matrix P_i = V_i T_i B_i [N m] of the stress T [Pa] of i; keeps its hoop force for PairSums.force."""
         if ti.static(self.axisymmetric):
             carries = ti.cast(self.B[i][0, 0] > 0.0, float)

@@ -200,7 +200,7 @@ class Contacts(Term):
                 f = self.resisted(c, self.relative_velocity(g, c))
                 force += f
                 torque += self.arm(g, c).cross(f)
-            self.rigid.spread(g, force, torque, y)
+            self.rigid.distribute(g, force, torque, y)
         wait()
 
     @stage("contacts")
@@ -216,7 +216,7 @@ class Contacts(Term):
                     f += self.force[c] * n + self.slip_force[c]
                 force += f
                 torque += self.arm(g, c).cross(f)
-            self.rigid.spread(g, force, torque, b)
+            self.rigid.distribute(g, force, torque, b)
 
     @stage("contacts")
     def update(self, u: ti.template()):

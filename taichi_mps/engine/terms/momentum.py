@@ -102,7 +102,7 @@ class MomentumOperator(Term):
         G = self.sums.velocity_gradient(i, u, wall_motion)
         T = self.stress.viscous(i, G)
         T += self.constants.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
-        flux = self.gradient.spread_stress(i, T) - self.resistance.h[i] * self.gradient.in_plane(G)
+        flux = self.gradient.stress_flux(i, T) - self.resistance.h[i] * self.gradient.in_plane(G)
         self.sums.set_flux(i, flux)
 
     @ti.func
@@ -248,7 +248,7 @@ class MomentumSource(Term):
                 G = self.gradient.curvature_correction(i)
                 T += self.stress.viscous(i, G) + self.constants.bulk[None] * G.trace() * I
                 flux -= self.operator.resistance.h[i] * G
-            self.sums.set_flux(i, self.gradient.spread_stress(i, T) + flux)
+            self.sums.set_flux(i, self.gradient.stress_flux(i, T) + flux)
             b[i] = force
         for i in range(self.particles.count[None]):
             self.sums.gather_fluxes(i)

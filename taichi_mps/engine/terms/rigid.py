@@ -118,7 +118,7 @@ class Rigid(Term):
         return total, moment
 
     @ti.func
-    def spread(self, g, total, moment, v: ti.template()):
+    def distribute(self, g, total, moment, v: ti.template()):
         """Write P of rows whose sums are ``total`` and ``moment`` into the rows of grain g."""
         mean, rate = total / (self.begin[g + 1] - self.begin[g]), self.inverse[g] @ moment
         for m in range(self.begin[g], self.begin[g + 1]):
@@ -149,7 +149,7 @@ class Rigid(Term):
         """v <- P v."""
         for g in range(first(self.count), last(self.count)):
             total, moment = self.sums(g, v)
-            self.spread(g, total, moment, v)
+            self.distribute(g, total, moment, v)
         wait()
 
     @stage("grains")
