@@ -150,9 +150,7 @@ class Simulation:
         self._require_sound()
         if self.all_active or report.moving_speed > 0.0:  # a step without active particles tells nothing
             self.rest.observe(report.moving_speed, self.time)
-        self._rests = self.rest.reached(
-            self
-        )  # of this step: it notes since when, and reads particles beside moving walls
+        self._rests = self.rest.reached(self)  # once a step: it notes since when, and may read particles
         self._count_seconds(cpu)
         return self.report
 
