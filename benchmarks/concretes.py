@@ -14,7 +14,7 @@ import numpy as np
 import points
 
 import taichi_mps as mps
-from taichi_mps.study import mixes
+from taichi_mps.study import measured_mixes
 from taichi_mps.study.emulator import DENSITY, FRICTION_TABLE, emulator_of
 from validation import read_reference
 
@@ -50,18 +50,18 @@ def calibrated() -> str:
     """Return a table of the verdicts of `taichi-mps calibrate --table`, and write each mix to results/concretes.csv."""
     columns = {"no": "no", "slump [cm]": "slump_cm", "spread [cm]": "flow_cm", "rho [kg/m3]": "density_kg_m3"}
     rows = [{name: line[column] for name, column in columns.items()} for line in read_reference(MEASURED)]
-    found = mixes.calibrate_list(rows)
+    found = measured_mixes.calibrate_list(rows)
     file = points.RESULTS / "concretes.csv"
-    mixes.write(found, file)
+    measured_mixes.write(found, file)
     file.write_text(f"# {points.stamp()}\n{file.read_text(encoding='utf-8')}", encoding="utf-8")
-    lines = [line.strip().split(" ", 1) for line in mixes.tally(found).splitlines()]
+    lines = [line.strip().split(" ", 1) for line in measured_mixes.tally(found).splitlines()]
     return f"{points.table(['mixes', 'come out as'], lines)}\n\n{with_friction(found)}"
 
 
 def with_friction(found) -> str:
     """Return a sentence on how well the mixes that internal friction explains are determined, and at which plastic
     viscosities."""
-    some = [row for row in found if row["verdict"] == mixes.WITH_FRICTION]
+    some = [row for row in found if row["verdict"] == measured_mixes.WITH_FRICTION]
     known = [sum(row[f"{name}_found"] is not None for name in ("yield_value", "friction_angle")) for row in some]
     angles = [row["friction_angle_found"] for row in some if row["friction_angle_found"] is not None]
     text = f"Of the {len(some)} with internal friction both constants are determined in {known.count(2)}, one in "

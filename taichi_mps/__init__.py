@@ -14,6 +14,7 @@ _PUBLIC["measure"] = _PUBLIC.pop("measures")
 # Until 0.5 modules are found by the names that they had in 0.2, too: rooms of the engine, and what left them
 _ROOMS = ["runtime", "geometry", "problem", "particles", "linear", "boundaries", "terms", "schemes", "simulation"]
 _MOVED = {
+    "geometry.in_time": "engine.geometry.time_dependent",
     "problem.accuracy": "forecast.accuracy",
     "problem.catalogue": "input.catalogue",
     "problem.labels": "input.labels",
@@ -23,6 +24,9 @@ _MOVED = {
     "simulation.forecast": "forecast.cost",
     "simulation.reuse": "study.reuse",
     "simulation.summary": "io.summary",
+    "study.curves": "study.measured_curves",
+    "study.mixes": "study.measured_mixes",
+    "terms.wall_loads": "engine.terms.wall_forces",
     "viz.notebook": "io.notebook",
 }
 

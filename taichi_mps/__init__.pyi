@@ -2,7 +2,6 @@
 
 from .__main__ import main as main
 from .engine.geometry.cavity import Cavity as Cavity
-from .engine.geometry.in_time import vibration as vibration
 from .engine.geometry.meshes import write_bars as write_bars
 from .engine.geometry.shapes import Box as Box
 from .engine.geometry.shapes import Cone as Cone
@@ -13,6 +12,7 @@ from .engine.geometry.shapes import rings as rings
 from .engine.geometry.shapes import shell as shell
 from .engine.geometry.solid import Solid as Solid
 from .engine.geometry.solid import polygon_distance as polygon_distance
+from .engine.geometry.time_dependent import vibration as vibration
 from .engine.geometry.walls import Cylinder as Cylinder
 from .engine.geometry.walls import Friction as Friction
 from .engine.geometry.walls import Plane as Plane

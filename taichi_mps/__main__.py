@@ -28,9 +28,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     from .app.command import app
-    from .cli.main import main as answer
+    from .cli.main import main as run_command
 
-    return answer(argv, {"app": app})
+    return run_command(argv, {"app": app})
 
 
 def entry() -> None:

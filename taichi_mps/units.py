@@ -109,7 +109,7 @@ def regular_file(prefix: str, path, most: float) -> Path:
     return path
 
 
-def answer(key, function, *arguments) -> np.ndarray:
+def numbers_from(key, function, *arguments) -> np.ndarray:
     """Return the numbers that a user's function gives; SceneError naming its ``key`` where it gives none."""
     try:
         return np.asarray(function(*arguments), float)

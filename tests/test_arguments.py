@@ -33,7 +33,7 @@ from taichi_mps.engine.runtime import backend
 from taichi_mps.engine.simulation import simulation
 from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint, history, run_folder, vtkhdf, vtu
-from taichi_mps.study import calibrate, chart, emulator, mixes, require, sweep
+from taichi_mps.study import calibrate, chart, emulator, measured_mixes, require, sweep
 from taichi_mps.units import in_unit
 from taichi_mps.viz import render
 from tests.support.recorded import recorded
@@ -399,8 +399,8 @@ class Bench:
                 {"slump": 0.2, "spread": 0.4, "rho": 2300.0, "study": None, "check": False},
             ),
             "Wanted": (require.Wanted, wanted),
-            "calibrate_list": (mixes.calibrate_list, {"rows": [], "study": None}),
-            "read_list": (mixes.read_list, {"path": "list.csv"}),
+            "calibrate_list": (measured_mixes.calibrate_list, {"rows": [], "study": None}),
+            "read_list": (measured_mixes.read_list, {"path": "list.csv"}),
             "slump_chart": (chart.slump_chart, {"out": "chart.png", "study": None}),
         }
 

@@ -18,7 +18,7 @@ from ..io import lock
 from ..io.history import read_history
 from ..io.run_folder import MARKER_FILE, REPORT, RunFolder, next_free, read_json
 from ..report import inputs
-from ..report.sentences import LEADING, answer, closing, cost, measured, measures, rows
+from ..report.sentences import LEADING, closing, cost, main_results, measures, result_sentences, rows
 from ..units import SceneError, plain, require
 from .jobs import Job, Queue
 
@@ -50,7 +50,7 @@ def summary_of(folder: RunFolder) -> dict:
     """Summary of a run; empty if it is missing or unreadable."""
     try:
         summary = folder.read_summary()
-        for words in (answer, cost, rows, mixes, given, end_of):
+        for words in (result_sentences, cost, rows, mixes, given, end_of):
             words(summary)
         return summary
     except Exception:  # a folder may come from anybody
@@ -103,7 +103,7 @@ def row(folder: RunFolder) -> dict:
         words = {
             "test": in_words(summary["scene"]),
             "mix": mixes(summary),
-            "result": measured(summary),
+            "result": main_results(summary),
             "end": end_of(summary),
         }
         leading = {key: summary[key] for key in LEADING if isinstance(summary.get(key), float)}
@@ -149,7 +149,7 @@ class Runs:
         """Details of a run."""
         folder = self.named(*query.names[:1])
         summary = summary_of(folder)
-        texts = [*answer(summary), *closing(summary, folder.path)] if summary else [f"It {NO_SUMMARY}."]
+        texts = [*result_sentences(summary), *closing(summary, folder.path)] if summary else [f"It {NO_SUMMARY}."]
         texts += [str(summary["error"])] if summary.get("error") else []
         moving = folder.animation if folder.animation.is_file() else newest_picture(folder)
         lines = [[text_of(cell) for cell in line] for line in (rows(summary) if summary else [])]
@@ -243,7 +243,7 @@ def facts_of(number: int, job: Job) -> dict:
         "about": job.about,
         "left": clock.get("left_s"),
         "flow": clock.get("time_s"),
-        "result": measured(measures(clock.get("measures", {}))) if clock else "",
+        "result": main_results(measures(clock.get("measures", {}))) if clock else "",
         "picture": url(job.folder, f"frames/{picture.name}") if picture else None,
     }
 

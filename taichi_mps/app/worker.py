@@ -54,9 +54,9 @@ def preview_models(test: str, values: dict) -> list[Scene]:
     soft = (valid.yield_value or 0.0) < SOFT * valid.density * accuracy.GRAVITY * valid.height
     for part in (COARSE, FINE) if soft else (FINE,):
         scene = catalogue.build(test, **given, spacing=part * valid.height)
-        low, (reach, top) = scene.domain
-        reach = MIN_DOMAIN * valid.height * 2.0 ** max(0, math.ceil(math.log2(reach / (MIN_DOMAIN * valid.height))))
-        scenes.append(replace(scene, domain=(low, (reach, top))))
+        low, (radius, top) = scene.domain
+        radius = MIN_DOMAIN * valid.height * 2.0 ** max(0, math.ceil(math.log2(radius / (MIN_DOMAIN * valid.height))))
+        scenes.append(replace(scene, domain=(low, (radius, top))))
     return scenes
 
 

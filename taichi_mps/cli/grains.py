@@ -39,8 +39,8 @@ def chosen_for(grains: Grains, keywords: dict, parameters) -> dict:
     found = dict(keywords)
     if "spacing" not in found and "spacing" in parameters.model_fields:
         found["spacing"] = float(grains.diameters.min()) / ACROSS
-        told = f"spacing = {found['spacing']:g} m: a quarter of the smallest grain"
-        print(f"taichi-mps: {told}; --spacing takes another", file=sys.stderr)
+        notice = f"spacing = {found['spacing']:g} m: a quarter of the smallest grain"
+        print(f"taichi-mps: {notice}; --spacing takes another", file=sys.stderr)
     model = parameters.model_fields.get("model")
     if model and "model" not in found and "full" in get_args(model.annotation):
         found["model"] = "full"

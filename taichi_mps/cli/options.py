@@ -73,7 +73,7 @@ def command(description: str, arguments: dict, models: dict | None = None):
 
     def of(function):
         @wraps(function)
-        def answer(argv) -> int:
+        def from_words(argv) -> int:
             parser = Parser(function.__name__, description=description)
             for name, settings in arguments.items():
                 parser.add_argument(name, **settings)
@@ -81,7 +81,7 @@ def command(description: str, arguments: dict, models: dict | None = None):
                 parser.options(model, *placed)
             return function(parser.parse(argv))
 
-        return answer
+        return from_words
 
     return of
 

@@ -24,13 +24,13 @@ from ..input.labels import title, written
 from ..io.run_folder import clear_pictures, next_free, write_whole
 from ..report.sentences import (
     LEADING,
-    answer,
     certainty,
     closing,
     duration_by_part,
     duration_text,
     grains,
     numerics,
+    result_sentences,
     rows,
     thin_solids,
 )
@@ -67,8 +67,8 @@ def describe_run(problem, clock, verbose=False) -> list[str]:
     pours = f"Pours {1e3 * sum(inlet.volume for inlet in scene.inlets):.3g} l. " if scene.inlets else ""
     parts = f"{duration_by_part(clock.expected, clock.cpu_seconds)}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps"
     takes = f"Takes about {parts if verbose else duration_text(clock.whole)}{'; shorter the next time' * clock.cold}."
-    told = [certainty(facts), *thin_solids(facts), *grains(facts)]
-    return [f"{what}; about {needed} of memory.", pours + takes, *told]
+    notices = [certainty(facts), *thin_solids(facts), *grains(facts)]
+    return [f"{what}; about {needed} of memory.", pours + takes, *notices]
 
 
 def require_slump(scene) -> None:
@@ -260,7 +260,7 @@ def print_answer(summary: dict, verbose=False, stages=()) -> None:
     console = Console(highlight=False)
     console.width = max(console.width, 40)  # columns
     with console.capture() as text:  # rich ends the program with 1 where nobody reads
-        for sentence in answer(summary):
+        for sentence in result_sentences(summary):
             console.print(sentence, markup=False)
         shown = Table(show_header=False, box=None)
         for name, value, what in rows(summary):

@@ -238,7 +238,7 @@ def require_command(argv) -> int:
     )
     facts = [asdict(border) | {"slumps_m": border.slumps_m} for border in borders]
     tell(arguments, facts, "\n".join([*map(str, borders), f"{len(rows)} run{'s' if len(rows) > 1 else ''}: {folder}"]))
-    tell_chart("require_chart", borders, rows, wanted, folder / "require.png")
+    tell_chart("borders_chart", borders, rows, wanted, folder / "require.png")
     return DONE
 
 
@@ -293,7 +293,7 @@ def calibrate_scene(argv) -> int:
 
 def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     """Calibrate each mix of a laboratory's list."""
-    from ..study import mixes
+    from ..study import measured_mixes
 
     path = user_path(options.table)
     require(
@@ -308,20 +308,20 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     require(not measurements, f"{next(iter(measurements), '')}: stands in the table's own columns; must be left out")
     for there in sorted(filter(Path.exists, results)):
         raise SceneError(f"out = {out}: {there.name} is there already; must be a new file, nothing is overwritten")
-    rows = mixes.read_list(path)
-    if others := mixes.unused(rows):
+    rows = measured_mixes.read_list(path)
+    if others := measured_mixes.unused(rows):
         print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)
-    about = duration_text(mixes.SECONDS_PER_MIX * len(rows))
+    about = duration_text(measured_mixes.SECONDS_PER_MIX * len(rows))
     print(f"taichi-mps: {len(rows)} mixes: about {about} in all", file=sys.stderr, flush=True)
 
-    found = mixes.calibrate_list(rows, options.study)
-    mixes.write(found, out)
-    tell(arguments, found, f"{mixes.tally(found)}\nEvery mix with its constants and reasons: {out}")
+    found = measured_mixes.calibrate_list(rows, options.study)
+    measured_mixes.write(found, out)
+    tell(arguments, found, f"{measured_mixes.tally(found)}\nEvery mix with its constants and reasons: {out}")
     tell_chart("mixes_chart", found, out.with_suffix(".png"))
     refused = [
-        f"{mixes.REFUSED}: {next(iter(row.values()))}: {row['reason']}"
+        f"{measured_mixes.REFUSED}: {next(iter(row.values()))}: {row['reason']}"
         for row in found
-        if row["verdict"] == mixes.REFUSED
+        if row["verdict"] == measured_mixes.REFUSED
     ]
     for line in some(refused, out):
         print(plain(f"taichi-mps: {line}"), file=sys.stderr)

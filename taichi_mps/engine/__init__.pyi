@@ -1,7 +1,6 @@
 """What the engine hands outward, as an editor reads it and as the package finds it."""
 
 from .geometry.cavity import Cavity as Cavity
-from .geometry.in_time import vibration as vibration
 from .geometry.meshes import write_bars as write_bars
 from .geometry.shapes import Box as Box
 from .geometry.shapes import Cone as Cone
@@ -12,6 +11,7 @@ from .geometry.shapes import rings as rings
 from .geometry.shapes import shell as shell
 from .geometry.solid import Solid as Solid
 from .geometry.solid import polygon_distance as polygon_distance
+from .geometry.time_dependent import vibration as vibration
 from .geometry.walls import Cylinder as Cylinder
 from .geometry.walls import Friction as Friction
 from .geometry.walls import Plane as Plane
@@ -64,7 +64,7 @@ from .schemes.step_report import DomainError as DomainError
 from .schemes.step_report import StepReport as StepReport
 from .schemes.step_report import UnmeasuredError as UnmeasuredError
 from .simulation.frame import Frame as Frame
-from .simulation.frame import interpolate as interpolate
+from .simulation.frame import frame_between as frame_between
 from .simulation.memory import memory_of as memory_of
 from .simulation.memory import pairs_of as pairs_of
 from .simulation.memory import particles_of as particles_of

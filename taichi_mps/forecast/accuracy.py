@@ -86,7 +86,7 @@ class ModelErrors(NamedTuple):
         return self._replace(slump=slump, reach=reach)
 
 
-def measured() -> list[ModelErrors]:
+def error_table() -> list[ModelErrors]:
     """Every row of the file of measured errors."""
     lines = [line for line in MEASURED.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     return [ModelErrors(model, *map(float, numbers)) for model, *numbers in csv.reader(lines[1:])]
@@ -122,7 +122,7 @@ def interpolate_in_mixes(rows: list[ModelErrors], mix: MixNumbers) -> ModelError
 def expected(model: str, spacing: float, mix: MixNumbers, rows: list[ModelErrors] | None = None) -> ModelErrors | None:
     """Expected errors of a model, a spacing over H and a mix, with the scatter of runs added: interpolated between the
     two nearest measured spacings, linear in the logarithm. None outside of the measured range."""
-    rows = sorted(row for row in (measured() if rows is None else rows) if row.model == model)
+    rows = sorted(row for row in (error_table() if rows is None else rows) if row.model == model)
     found = [interpolate_in_mixes(list(some), mix) for _, some in groupby(rows, key=itemgetter(0, 1))]
     finer = [it for it in found if it and it.spacing <= spacing * (1.0 + 1e-6)]
     coarser = [it for it in found if it and it.spacing >= spacing * (1.0 - 1e-6)]
@@ -138,7 +138,7 @@ def expected(model: str, spacing: float, mix: MixNumbers, rows: list[ModelErrors
 def nearest(mix: MixNumbers) -> MixNumbers:
     """Measured mix nearest to a mix by the logarithms of the two numbers."""
     return min(
-        (row.mix for row in measured()), key=lambda other: math.dist(log_coordinates(mix), log_coordinates(other))
+        (row.mix for row in error_table()), key=lambda other: math.dist(log_coordinates(mix), log_coordinates(other))
     )
 
 
@@ -200,7 +200,7 @@ def choices(mix: MixNumbers | None = None, height: float = HEIGHT, lift_speed: f
     """Every measured model and spacing with its error for this mix, the cheapest first. No error is less than the error
     of a finer spacing, so that a small error by luck does not count."""
     found = []
-    for _, rows in groupby(sorted(measured()), key=itemgetter(0, 1)):  # model and spacing
+    for _, rows in groupby(sorted(error_table()), key=itemgetter(0, 1)):  # model and spacing
         row, where = errors_for_mix([row.of_one_run() for row in rows], mix)
         if row and lift_speed:
             row = errors_of_lifted(row, lift_speed * math.sqrt(HEIGHT / height))

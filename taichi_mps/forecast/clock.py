@@ -1,10 +1,11 @@
-"""Clock of a run: durations of its parts, told before it starts and ever closer while it runs.
+"""Clock of a run: durations of its parts, given before it starts and ever closer while it runs.
 
 Before: what the parts take on one core of an AMD EPYC, the flow by ``forecast.cost_of``, all times the slowness of this
 machine, known from what the import of the program took. While it goes on: what is left of the flow by what its steps
-took so far, the more the more of it is done. How much of a flow is done is told by its steps, or of a pour, whose steps
-become dearer, by the cost up to this time. Steps that are left are those told, less those taken, until the flow decays;
-then the geometric mean of these and of the steps of that decay, as with the steps to a time limit before rest.
+took so far, the more the more of it is done. How much of a flow is done is known from its steps, or of a pour, whose
+steps become dearer, from the cost up to this time. Steps that are left are those of the forecast, less those taken,
+until the flow decays; then the geometric mean of these and of the steps of that decay, as with the steps to a time
+limit before rest.
 """
 
 import math
@@ -25,7 +26,7 @@ COMPILING = {False: (2.8, 0.2), True: (2.8, 0.9)}  # [s] with kernels compiled a
 ROW = 4e-3  # [s] of the measures and the row of a step
 TEAM_EXPONENT = 0.6  # exponent of the number of threads by which a flow is faster with them
 TRUSTED = 0.05  # fraction of a flow that tells as much about it as the forecast
-REMAINING_FRACTION = 0.1  # fraction of the time or the steps taken that is still expected where too little was told
+REMAINING_FRACTION = 0.1  # fraction of the time or the steps taken that is still expected beyond the forecast
 MIN_INTERVAL = 0.1  # [s] between two answers
 
 

@@ -18,7 +18,7 @@ MEASURED = Path(__file__).with_name("cost.csv")
 # speed of a jet where it lands over that of a free fall to its heap, which is as high as the jet is wide
 LANDING_RATIO = 0.9
 # outer iterations of a step of the measured pours, and their fraction of its cost
-MEASURED_ITERATIONS, ITERATIONS_SHARE = 6, 0.45
+MEASURED_ITERATIONS, ITERATIONS_FRACTION = 6, 0.45
 # time to rest over sqrt(H/g), and over what eta/tau_y is longer than that; of slump cones
 REST_OVER_FALL, REST_OVER_CREEP = 3.5, 12.0
 # time until hardly anything yields over sqrt(H/g): 0.006 (rho g H/tau_y)^2.2; by semi-implicit, the paper's #2 and #3
@@ -66,7 +66,7 @@ def cost_of(problem: Problem) -> Cost:
         """Steps to a time [s], if none is limited by other numerics than the Courant number."""
         way = min(path, 0.5 * problem.gravity * time**2)
         way = (1 + len(scene.jolts)) * way if scene.jolts else way + time * problem.speed  # a jolt is one fall more
-        slow = time / own_step(problem, settles=True)
+        slow = time / longest_step(problem, settles=True)
         return max(way / (numerics.courant_number * scene.spacing) + (not rests) * slow, min(MIN_STEPS, slow))
 
     usual = steps_to(end)
@@ -74,14 +74,14 @@ def cost_of(problem: Problem) -> Cost:
     seconds = float(usual * each * (1.0 if scene.dimension == 3 else PLANE_COST))
     if known and known[2]:  # which is to rest
         seconds = known[2].cpu_seconds * usual / steps_to(max(end, rest))
-    steps = max(usual, end / ((numerics.max_time_step or math.inf) if implicit else own_step(problem)))
+    steps = max(usual, end / ((numerics.max_time_step or math.inf) if implicit else longest_step(problem)))
     seconds *= steps / usual * iterations_factor(numerics)
     return Cost(steps, seconds, end, np.array([0.0, 1.0]) if scene.inlets else None)
 
 
 def iterations_factor(numerics) -> float:
     """Cost of a step with the outer iterations of these numerics, over that with the usual ones [-]."""
-    return 1.0 + ITERATIONS_SHARE * (getattr(numerics, "passes", MEASURED_ITERATIONS) / MEASURED_ITERATIONS - 1.0)
+    return 1.0 + ITERATIONS_FRACTION * (getattr(numerics, "passes", MEASURED_ITERATIONS) / MEASURED_ITERATIONS - 1.0)
 
 
 def cost_of_pour(problem: Problem) -> Cost:
@@ -95,7 +95,7 @@ def cost_of_pour(problem: Problem) -> Cost:
     flows = [(time >= pour.start) & (time < pour.start + pour.layers * pour.interval) for pour in pours]
     landing = [here * landing_speed(problem, pour, time, level) for here, pour in zip(flows, pours, strict=True)]
     speed = np.maximum(np.max(landing, axis=0), max((wall.speed for wall in scene.walls), default=0.0))
-    step = np.where(np.any(flows, axis=0), own_step(problem), own_step(problem, settles=True))
+    step = np.where(np.any(flows, axis=0), longest_step(problem), longest_step(problem, settles=True))
     step = np.minimum(step, numerics.courant_number * scene.spacing / np.maximum(speed, 1e-9))
     steps = scene.until / TIMES / step
     seconds = steps * iterations_factor(numerics) * seconds_of_a_step(particles, particles_of(problem))
@@ -124,7 +124,7 @@ def level_of(scene, volume):
     return np.interp(volume, room * float(np.prod(scene.cavity.cell)), heights)
 
 
-def own_step(problem: Problem, settles: bool = False) -> float:
+def longest_step(problem: Problem, settles: bool = False) -> float:
     """Longest step [s] in a slow flow; ``settles``: when it only settles. That of ``semi-implicit`` is bound by the
     diffusion number of unyielded material, as soon as there is any."""
     if problem.scheme == "implicit":

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..units import Count, Duration, Flag, Size, Viscosity, YieldValue, answer, quote, real, require, validated
+from ..units import Count, Duration, Flag, Size, Viscosity, YieldValue, numbers_from, quote, real, require, validated
 
 Volume, Area = real("m3", gt=0.0, le=1e6), real("m2", gt=0.0, le=1e6)
 Gravity, Weight = real("m/s2", ge=1e-6, le=1e6), real("kg/m3", ge=1e-3, le=30000.0)
@@ -234,7 +234,7 @@ def root(function: Callable, low: real("m", ge=0.0, le=1e9)) -> float:
     0.5
     """
     high = low + 1e-3
-    while (value := answer("function", function, high)) < 0.0 and high < 1e100:
+    while (value := numbers_from("function", function, high)) < 0.0 and high < 1e100:
         high *= 2.0
     require(value >= 0.0, f"function = {quote(function, '')}: must be a number above 0 somewhere above low = {low:g} m")
     for _ in range(60):

@@ -95,7 +95,7 @@ class History:
         self.file.close()
 
 
-def row_of(sim, measures: dict) -> dict:
+def history_row(sim, measures: dict) -> dict:
     """Return the row of history.csv of a simulation now.
 
     Parameters

@@ -6,7 +6,7 @@ from datetime import datetime
 import numpy as np
 
 from . import checkpoint
-from .history import History, read_history, row_of
+from .history import History, history_row, read_history
 from .run_folder import RunFolder, strict
 from .summary import summary
 from .vtkhdf import Trajectory, is_output_time
@@ -39,7 +39,7 @@ class Recorder:
         else:
             self.trajectory.create(sim, source, every)
         if self.history.empty:
-            self.history.add(row_of(sim, self.measures))
+            self.history.add(history_row(sim, self.measures))
         self.first_step, self.next_checkpoint = sim.steps, time.monotonic()
         if resumed:
             self.last_checkpoint = self._checkpoint()
@@ -63,7 +63,7 @@ class Recorder:
         particles out, since reading the fields would bring them back."""
         if sim.all_active:
             self.measures = sim.measures()
-            self.history.add(row_of(sim, self.measures))
+            self.history.add(history_row(sim, self.measures))
             if time.monotonic() > self.next_checkpoint:
                 self._save()
 

@@ -9,7 +9,7 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from ..engine import Snapshot, embed, interpolate, still, surface
+from ..engine import Snapshot, embed, frame_between, still, surface
 from ..input.labels import in_words, title, unit_of_measure
 from ..units import SceneError
 from ..viz.body import SECTORS, profile, smooth_surface
@@ -170,7 +170,7 @@ def filling(part: Snapshot, cavity) -> dict | None:
 
 
 # ---- the film ----------------------------------------------------------------------------------------------------
-def film(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[dict, Snapshot]:
+def film_data(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[dict, Snapshot]:
     """Film of the body from evenly chosen outputs of a run that fit into ``room`` bytes, including the first and the
     last, with interpolated states in between if there are few; and the computed part at the last output. SceneError if
     the run has no output yet.
@@ -224,7 +224,7 @@ def with_intermediate_frames(frames, parts: int):
     for earlier, later in pairwise(frames):
         yield earlier
         for k in range(1, parts):
-            yield interpolate(earlier, later, earlier.time + k / parts * (later.time - earlier.time))
+            yield frame_between(earlier, later, earlier.time + k / parts * (later.time - earlier.time))
     yield frames[-1]
 
 
@@ -255,7 +255,7 @@ def position_scale(shapes):
 
 
 def pack(x, normals, speed, flowing, links, fastest, low, step) -> dict[str, bytes]:
-    """Pack one picture into bytes as described in ``film``."""
+    """Pack one picture into bytes as described in ``film_data``."""
     codes = np.round((x - low) / step).astype(np.int32)
     links = np.sort(links, axis=1)
     links = links[np.argsort(links[:, 0], kind="stable")] if links.size else links

@@ -23,7 +23,7 @@ from ..io.run_folder import RunFolder, write_whole
 from ..io.vtkhdf import Trajectory
 from ..units import SceneError, plain
 from . import inputs, sentences
-from .drawings import drawings, film
+from .drawings import drawings, film_data
 
 PAGE_PARTS = Path(__file__).parent
 """Parts of the page: page.html, page.css, and the scripts charts.js, viewer.js and page.js."""
@@ -62,7 +62,7 @@ def write(
     is read. SceneError if the folder is no run or damaged."""
     run = RunRecord(folder, scene, scene_file)
     run.summary |= {key: text for key, text in (("title", title), ("note", note)) if text}
-    shown, last = film(Trajectory(folder.trajectory), run.scene, run.history)
+    shown, last = film_data(Trajectory(folder.trajectory), run.scene, run.history)
     names = ("page.html", "page.css", "charts.js", "viewer.js", "page.js")
     template, style, *scripts = ((PAGE_PARTS / name).read_text(encoding="utf-8") for name in names)
     texts = page_texts(run, shown) | dict(zip(("charts", "viewer", "page"), scripts, strict=True))
@@ -93,7 +93,7 @@ def page_texts(run, film: dict) -> dict[str, str]:
     summary, later = run.summary, "<p>Said when the run has ended.</p>"
     repeat = repeat_command(run) if run.ended else f"resume {shlex.quote(str(run.path))}"
     numerics = run.ended and table(sentences.numerics(summary)) + f"<p>{safe(sentences.cost(summary))}</p>"
-    measured, name = sentences.measured(summary), catalogue.describe().get(run.source, "").partition(":")[0]
+    measured, name = sentences.main_results(summary), catalogue.describe().get(run.source, "").partition(":")[0]
     return {
         "title": safe(summary.get("title") or name or in_words(str(summary["scene"]))),
         "meta": safe(", ".join([*dates(run), *map(mix_in_words, (summary.get("materials") or [])[:1])])),
@@ -178,7 +178,7 @@ def accuracy_section(summary: dict) -> str:
     text = f"<p>{safe(sentences.certainty(summary))}</p>"
     if not error:
         return text
-    sizes = {row.spacing for row in accuracy.measured() if row.model == error.model} | {error.spacing}
+    sizes = {row.spacing for row in accuracy.error_table() if row.model == error.model} | {error.spacing}
     found = [accuracy.expected(error.model, size, mix) for size in sorted(sizes, reverse=True)]
     rows = [
         (

@@ -29,17 +29,17 @@ MEASURED = "slump_m", "spread_m"  # measures that are columns of every history
 # arrays 8 to 20 bars wide (tests/boundaries/test_thin_bars.py)
 THIN, TOO_LITTLE, TOO_MUCH = (0.4, 0.64, 1.0), (5.0, 11.0, 10.0), (31.0, 15.0, 6.0)
 PASSING = "grains_number", "grains_passed_number", "mortar_passed_ratio"
-# fraction of the grains beyond, over that of the mortar, below which they may block; probability below which it is not
-# by accident; fraction beyond that is taken for nothing
-HALF, RARE, NOTHING = 0.5, 0.01, 0.01
+# fraction of the grains beyond the bars, over that of the mortar, from which on they pass; level of significance at
+# which fewer are not by accident; fraction beyond the bars up to which nothing passes
+MIN_PASSING_RATIO, SIGNIFICANCE, NEGLIGIBLE_FRACTION = 0.5, 0.01, 0.01
 # names of parts of a run other than their keys
 PARTS = {"ready": "making ready", "pictures": "last pictures", "report": "pictures and report"}
 
 
-def answer(summary: dict) -> list[str]:
+def result_sentences(summary: dict) -> list[str]:
     """Sentences on the flow of a run: its results, the reason of its end, doubts, expected errors."""
     known = [*doubts(summary), *thin_solids(summary), *grains(summary), certainty(summary)]
-    return [measured(summary), *passing(summary), ending(summary), *known]
+    return [main_results(summary), *passing(summary), ending(summary), *known]
 
 
 def closing(summary: dict, folder) -> list[str]:
@@ -49,7 +49,7 @@ def closing(summary: dict, folder) -> list[str]:
     return [cost(summary), f"Pictures and results lie in {plain(folder)}.", *shown]
 
 
-def measured(summary) -> str:
+def main_results(summary) -> str:
     """Sentence on the two main results, or else on the first two."""
     results = [name for name, value in summary.items() if is_measure(name) and isinstance(value, float | int)]
     of_scene = [name for name in results if name in RESULTS or not name.startswith(tuple(RESULT_GROUPS))]
@@ -127,9 +127,9 @@ def passing(summary) -> list[str]:
     if summary.get("parameters", {}).get("bars", "none") in ("none", "no"):
         text = f"{k} of {n} grains are beyond the opening, with {100.0 * fraction:.0f} % of the mortar."
     else:
-        chance = sum(math.comb(n, j) * fraction**j * (1.0 - fraction) ** (n - j) for j in range(k + 1))
-        verdict = "Passes" if k >= HALF * n * fraction else "Blocks" if chance < RARE else "Not decided"
-        verdict = verdict if max(k / n, fraction) > NOTHING else "Nothing passes"
+        p = sum(math.comb(n, j) * fraction**j * (1.0 - fraction) ** (n - j) for j in range(k + 1))
+        verdict = "Passes" if k >= MIN_PASSING_RATIO * n * fraction else "Blocks" if p < SIGNIFICANCE else "Not decided"
+        verdict = verdict if max(k / n, fraction) > NEGLIGIBLE_FRACTION else "Nothing passes"
         text = f"{verdict}: {k} of {n} grains pass, the mortar follows at {100.0 * fraction:.0f} %."
     discs = (summary.get("grains") or {}).get("shape") == "disc"
     arch = "Discs in a plane arch otherwise than spheres: it tells no probability of a jam."

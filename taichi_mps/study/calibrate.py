@@ -25,7 +25,7 @@ from ..units import (
     unit_of,
 )
 from .calibration import BINGHAM, FRICTIONAL, RHEOMETER, Calibration, FrictionalMix, is_time
-from .case import T500_SPREAD, case, run
+from .case import T500_SLUMP_FLOW, case_of, run_case
 from .emulator import DENSITY, FRICTION_TABLE, RESULT_COLUMNS, Emulator, emulator_of, scale
 from .fit import Tables, fit
 
@@ -33,7 +33,7 @@ REFINED_TESTS = "slump", "mini_cone"  # tests that a finer run checks; a V-funne
 CONE_RESULTS = "slump_m", "spread_m"  # without which no mix with internal friction is sought
 OTHER_VISCOSITIES = 20.0, 200.0  # [Pa s], tried for a mix with internal friction whose viscosity was not measured
 EXTRAPOLATION = 0.1  # of the logarithm of the plastic viscosity beyond its table; there its end is used
-MAX_SPREAD = 10.0  # largest spread of a cone over its height
+MAX_SLUMP_FLOW = 10.0  # largest slump flow of a cone over its height
 FIELD_OF_RESULT = {  # field of Measurements, by the name of the result in emulator.RESULT_COLUMNS
     "slump_m": "slump",
     "spread_m": "spread",
@@ -208,7 +208,7 @@ def refinement(emulators: dict[str, Emulator], found: Calibration) -> dict[str, 
     ratios, effect = np.log(np.array(list(found.values.values())) / found.density), {}
     for scene in (scene for scene in REFINED_TESTS if scene in emulators):
         emulator = emulators[scene]
-        row = run(case(scene, **emulator.settings | found.keywords | {"spacing": 0.5 * emulator.spacing}))
+        row = run_case(case_of(scene, **emulator.settings | found.keywords | {"spacing": 0.5 * emulator.spacing}))
         require(row["status"] == "done", f"the finer run failed: {row['reason']}")
         for name, before in emulator.at(*ratios).items():
             after = np.array(row.get(RESULT_COLUMNS[scene][name]), float)  # nan where it was not measured
@@ -253,7 +253,7 @@ def check_measurements(test: Measurements, emulators: dict[str, Emulator]) -> No
 
     Lower limits are exceeded by more than three standard errors.
     """
-    if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < T500_SPREAD:
+    if test.t500 and test.spread and test.spread + 3.0 * test.spread_error < T500_SLUMP_FLOW:
         raise SceneError(
             f"t500 = {test.t500:g} s: with slump flow = {test.spread:g} m it never came to 50 cm; leave one of them out"
         )
@@ -261,7 +261,7 @@ def check_measurements(test: Measurements, emulators: dict[str, Emulator]) -> No
     cones = {key: dimensions(emulators[scene]) for key, scene in cones.items() if scene in emulators}
     limits = [(f"{key}_error", 0.0, height, "") for key, (height, *_) in cones.items()]  # (field, least, most, reason)
     limits += [
-        (key, 0.0, height, "") if key == "slump" else (key, base, MAX_SPREAD * height, "the base of the cone")
+        (key, 0.0, height, "") if key == "slump" else (key, base, MAX_SLUMP_FLOW * height, "the base of the cone")
         for key, (height, base, _) in cones.items()
     ]
     if "v_funnel" in emulators:

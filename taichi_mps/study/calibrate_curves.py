@@ -12,9 +12,9 @@ from ..input.labels import in_words, is_measure, title, unit_of_measure, written
 from ..report.sentences import duration_text
 from ..units import notes, require, suggestion
 from .calibration import rounded
-from .case import Case, case, run
-from .curves import Curve, CurveFit, Test, measures_of, read_curves
+from .case import Case, case_of, run_case
 from .fit import DIFFERENCE_STEP, constants_of, prior_of, worth_of
+from .measured_curves import Curve, CurveFit, Test, measures_of, read_curves
 from .sweep import executor_of, run_cases, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
@@ -24,14 +24,14 @@ SEARCH_FACTOR = 100.0  # largest factor between a constant and its initial value
 START_FACTORS = 1.0, 0.1, 0.3, 3.0, 10.0  # of all constants at once, run first
 RUN_STEP = 0.4  # of the logarithm of a constant, between runs; particles scatter more than smaller steps
 RADIUS = 1.5 * RUN_STEP  # in the logarithms, within which runs enter the regression
-RUN = partial(run, samples=100)  # of a case, to its end: its row, with that many values over time in ``course``
+RUN = partial(run_case, samples=100)  # of a case, to its end: its row, with that many values over time in ``course``
 MAX_ITERATIONS, MAX_CORRECTIONS = 10, 2  # regressions by coarse runs, and by these and a finer one
 TOLERANCE = 0.05  # change of the logarithms that ends them
 RELATIVE_ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
 MAX_DISTANCE = 0.1  # of points beyond all runs, over the largest value of their measure
 
 
-class Runs:
+class CurveRuns:
     """Runs of a scene beside measured curves, kept in the folder of a study.
 
     A point ``at`` holds the logarithms of the constants over their ``initial`` values, then the time of the scene at
@@ -75,7 +75,7 @@ class Runs:
         """Return the case of a test at a point and a spacing [m]."""
         later = MAX_OFFSET * (test in self.shifted)  # over the duration
         until = {"until": float(test.times[-1] + later * np.ptp(test.times))} if len(test.times) else {}
-        return case(self.scene, **self.settings | test.settings | self.mix(at) | until | {"spacing": spacing})
+        return case_of(self.scene, **self.settings | test.settings | self.mix(at) | until | {"spacing": spacing})
 
     def compute(self, points, spacing) -> list[list[dict]]:
         """Return the rows of each point; runs that are new are carried out in parallel."""
@@ -133,7 +133,7 @@ class ResponseSurface:
     the logarithms of the constants over the runs within RADIUS. Offsets of time need no runs. It begins with runs at
     the point and a step to each side. ``correction`` is added."""
 
-    def __init__(self, runs: Runs, centre):
+    def __init__(self, runs: CurveRuns, centre):
         self.runs, self.count, self.centre, self.correction = runs, len(runs.initial), centre, 0.0
         steps = np.diag([RUN_STEP] * self.count + [DIFFERENCE_STEP] * len(runs.shifted))
         self.points = np.clip([centre, *(centre - steps), *(centre + steps)], *runs.bounds)
@@ -238,7 +238,7 @@ def calibrate_curves(
         )
     bounds = np.hstack([bounds, 10.0 * MAX_OFFSET * np.outer([-1.0, 1.0], np.ones(len(shifted)))])
     coarse, report = (COARSENING if finer else 1.0) * built.spacing, watch or str
-    runs = Runs(scene, settings, initial, bounds, curves, shifted, coarse, out, report)
+    runs = CurveRuns(scene, settings, initial, bounds, curves, shifted, coarse, out, report)
     start, at_once = executor_of(executor, workers)
     likely = len(tests) * (len(START_FACTORS) + 6 * (1 + 2 * len(initial)))
     duration = wall_time([runs.case(test, np.zeros(bounds.shape[1]), coarse) for test in tests], at_once or 1, likely)
@@ -250,7 +250,7 @@ def calibrate_curves(
         return fit_result(runs, built.material, built.spacing, *search(runs, built.spacing))
 
 
-def search(runs: Runs, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface]:
+def search(runs: CurveRuns, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface]:
     """Return the best point by coarse runs, corrected by finer ones of a ``spacing`` [m], the derivatives of the
     residuals there, (points, unknowns), and the regression near it."""
     from scipy.optimize import least_squares
@@ -279,7 +279,7 @@ def search(runs: Runs, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface
     return at, found.jac, surface
 
 
-def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurface) -> CurveFit:
+def fit_result(runs: CurveRuns, material, spacing, at, slopes, surface: ResponseSurface) -> CurveFit:
     """Return the result at a point, with intervals by the slopes, the residuals there and the scatter of the runs.
 
     The residuals of a curve are correlated: their variance is scaled by (1 + r)/(1 - r), r the correlation of
@@ -296,8 +296,9 @@ def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurfa
     slopes, sides, noise = slopes / error, surface.sides() / error, surface.scatter(at) / error
 
     def covariance(slopes):
-        spread = np.linalg.inv(prior + slopes.T @ slopes)
-        return spread + spread @ slopes.T @ noise.T @ noise @ slopes @ spread  # the best point's by the scatter of runs
+        inverse = np.linalg.inv(prior + slopes.T @ slopes)
+        # the last: of the best point by the scatter of runs
+        return inverse + inverse @ slopes.T @ noise.T @ noise @ slopes @ inverse
 
     flattest = np.where(np.linalg.norm(sides, axis=1, keepdims=True) < np.linalg.norm(slopes, axis=0), sides, slopes)
     least, quantile = np.diag(prior), t.ppf(0.975, degrees_of_freedom)

@@ -11,12 +11,12 @@ from functools import lru_cache
 import numpy as np
 
 from ..input import catalogue
-from ..io.history import row_of
+from ..io.history import history_row
 from ..io.run_folder import strict
 from ..io.summary import summary as summary_of
 from ..units import regular_file, user_path
 
-T500_SPREAD = 0.5  # slump flow [m] that defines T500: EN 12350-8
+T500_SLUMP_FLOW = 0.5  # slump flow [m] that defines T500: EN 12350-8
 MIN_INTERVAL, MIN_FRACTION = 0.02, 0.05  # [s] and [-] of the time so far, between two measurements of a slump flow
 SUMMARY_COLUMNS = "stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max"  # kept in a row
 SUMMARY_COLUMNS += "cpu_seconds", "compile_seconds", "version"
@@ -33,7 +33,7 @@ class Case:
     key: str
 
 
-def case(scene: str, **parameters) -> Case:
+def case_of(scene: str, **parameters) -> Case:
     """Return the case of parameters, text or numbers; SceneError for what the scene does not accept.
 
     The key is a digest of the scene's file and all built-in ones, which it may import, of all its parameters with their
@@ -63,7 +63,7 @@ def row_without_result(case: Case, status: str, reason) -> dict:
     return {"key": case.key, "status": status, "reason": words, "scene": case.scene, **case.parameters}
 
 
-def run(case: Case, samples: int = 0) -> dict:
+def run_case(case: Case, samples: int = 0) -> dict:
     """Run a case to its end in this process and return its row, also where it fails. Taichi is started with one thread
     where it is not, and again, which drops every earlier Simulation, where its fields are used up.
 
@@ -78,7 +78,7 @@ def run(case: Case, samples: int = 0) -> dict:
         warnings.simplefilter("default")
         try:
             sim = begin(catalogue.build(case.scene, **case.parameters))
-            history, frames = [row_of(sim, sim.measures())], []
+            history, frames = [history_row(sim, sim.measures())], []
             # measuring costs as much as some steps, and without jolts T500 is all that is made of a slump flow
             sparse = "spread_m" in history[0] and not sim.scene.jolts
 
@@ -86,7 +86,7 @@ def run(case: Case, samples: int = 0) -> dict:
                 last = history[-1]["time_s"]
                 due = last + max(MIN_INTERVAL, MIN_FRACTION * last) if sparse else last
                 if sim.all_active and sim.time > due:
-                    history.append(row_of(sim, sim.measures()))
+                    history.append(history_row(sim, sim.measures()))
 
             if sim.scene.over_time:
                 sim.each_step(note)
@@ -96,7 +96,7 @@ def run(case: Case, samples: int = 0) -> dict:
             sim.run()
             summary, measures = summary_of(sim), sim.measures()
             if sim.scene.over_time:
-                history += [row_of(sim, measures)] if history[-1]["time_s"] < sim.time else []
+                history += [history_row(sim, measures)] if history[-1]["time_s"] < sim.time else []
                 columns = {name: np.array([step.get(name, math.nan) for step in history]) for name in history[-1]}
                 measures |= sim.scene.over_time(columns)
         except Exception as error:  # a study goes on, whatever a case does

@@ -12,9 +12,9 @@ from ..input import catalogue
 from ..input.labels import in_words, title, unit_of_measure
 from ..units import Picture, Place, quote, require, unit_of, validated, writing
 from .calibrate import CONE_RESULTS
-from .curves import SHEAR_RATES
 from .emulator import DENSITY, emulator_of, positive
-from .mixes import VERDICTS
+from .measured_curves import SHEAR_RATES
+from .measured_mixes import VERDICTS
 from .require import fills
 from .tables import measures, read
 
@@ -178,7 +178,7 @@ def curves_chart(found, out) -> Path:
     return _save(figure, out)
 
 
-def require_chart(borders, rows, wanted, out) -> Path:
+def borders_chart(borders, rows, wanted, out) -> Path:
     """Draw the mixes that were run, those that fill the form and those that do not, as yield stress against plastic
     viscosity, with the border between them and lines of equal slump."""
     (figure, axes), emulator, density = _figure(8.0, 5.4), emulator_of(), borders[0].density

@@ -13,7 +13,7 @@ from ..input import catalogue
 from ..input.labels import in_words
 from ..units import Flag, Place, SceneError, array, real, require, user_path, validated
 from .calibration import BINGHAM, CONSTANT_UNITS, FRICTIONAL, is_time, rounded
-from .case import T500_SPREAD
+from .case import T500_SLUMP_FLOW
 from .tables import read
 
 TABLES = Path(__file__).parent
@@ -158,7 +158,7 @@ class Emulator:
                 found[name] = found[name] + weight * (value[..., None] if grid and np.ndim(weight) else value)
         found = {name: np.exp(value) if is_time(name) else value for name, value in found.items()}
         if "t500_s" in self.columns:
-            found["t500_s"] = np.where(found["spread_m"] >= T500_SPREAD, found.get("t500_s", np.nan), np.nan)
+            found["t500_s"] = np.where(found["spread_m"] >= T500_SLUMP_FLOW, found.get("t500_s", np.nan), np.nan)
         return found
 
     def planes_at(self, third=0.0):
@@ -174,8 +174,8 @@ class Emulator:
         squares = dict.fromkeys(self.scatter, 0.0)
         for plane, weight in self.planes_at(*point[2:]):
             for name, (_, first, errors) in plane.items():
-                yields, case = np.unique(first, return_inverse=True)
-                mean_squares = np.bincount(case, errors**2) / np.bincount(case)
+                yields, group = np.unique(first, return_inverse=True)
+                mean_squares = np.bincount(group, errors**2) / np.bincount(group)
                 squares[name] += float(weight * np.interp(point[0], yields, mean_squares))
         return {name: self.scatter[name] * (each / self.mean_squares[name]) ** 0.5 for name, each in squares.items()}
 

@@ -9,7 +9,7 @@ from .calibration import BINGHAM, CONSTANT_UNITS, MAX_MISFIT, Calibration, Const
 from .emulator import GRID, Emulator, require_covered, scale
 
 CHI2_95 = 3.841  # 95 % quantile of chi squared with one degree of freedom
-REACHES = 64.0, 8.0, 0.1, 1e-3, 1e-5, 0.0  # rises of chi squared within which the next grid lies
+RISES = 64.0, 8.0, 0.1, 1e-3, 1e-5, 0.0  # rises of chi squared within which the next grid lies
 INTERVALS = 2  # number of the grid for the intervals; those after it refine the best mix
 DIFFERENCE_STEP = 0.1  # of an unknown, for finite differences
 FAILED_RESIDUAL = 1e3  # residual where a mix has no result
@@ -86,16 +86,16 @@ class Tables:
 
     def search(self):
         """Yield grids, the axes, chi squared and the best mix of each: over all mixes, then around those of the grid
-        before whose chi squared is within a reach of the least."""
+        before whose chi squared is within a rise from the least."""
         ends = self.bounds.T
-        for reach in REACHES:
+        for rise in RISES:
             axes = [np.unique(np.linspace(*pair, count)) for pair, count in zip(ends, GRID, strict=False)]
             chi2 = (self.residuals(axes) ** 2).sum(0)
             require(chi2.min() < FAILED_RESIDUAL**2, "t500: no mix of the table reaches a slump flow of 50 cm")
             best = np.unravel_index(chi2.argmin(), chi2.shape)
             at = np.array([axis[k] for axis, k in zip(axes, best, strict=True)])
             yield axes, chi2, at
-            near = np.argwhere(chi2 <= chi2.min() + reach)
+            near = np.argwhere(chi2 <= chi2.min() + rise)
             around = np.stack([near.min(0) - 1, near.max(0) + 1], 1)
             ends = [axis[np.clip(pair, 0, len(axis) - 1)] for axis, pair in zip(axes, around, strict=True)]
 

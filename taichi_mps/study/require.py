@@ -15,8 +15,7 @@ from pydantic import Field, model_validator
 from ..engine import LAW_OF
 from ..input import catalogue
 from ..units import Checked, Duration, Ratio, SceneError, Text, YieldValue, quote, require, unit_of
-from .case import case
-from .case import run as run_case
+from .case import case_of, run_case
 from .emulator import DENSITY, emulator_of
 from .sweep import cases, run_cases
 
@@ -161,7 +160,7 @@ def find_borders(
         if not new:
             break
         for tau_y, eta in new:
-            planned[tau_y, eta] = case(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta)
+            planned[tau_y, eta] = case_of(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta)
         rows = run_cases(list(planned.values()), out, run, executor, workers, watch)
     by_mix, density = dict(zip(planned, rows, strict=True)), rows[0].get("density") or DENSITY
     missing = {mix: 1.0 - row.get(FILLED, math.nan) for mix, row in by_mix.items()}

@@ -53,10 +53,10 @@ def shape_of(problem: Problem) -> bytes:
     scene = problem.scene
     bare = [getattr(scene, field.name) for field in fields(scene) if field.name not in FREE]
     mixes = [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
-    rubs = any(wall.friction for wall in scene.walls)  # friction keeps the slope of the flow curve, too
+    has_friction = any(wall.friction for wall in scene.walls)  # friction keeps the slope of the flow curve, too
     material = scene.material
     numbers = material.model_dump(exclude=set(material.from_fields))
-    slope = material.typical_slope if rubs else None
+    slope = material.typical_slope if has_friction else None
     parts = (
         bare,
         problem.scheme,
@@ -68,10 +68,10 @@ def shape_of(problem: Problem) -> bytes:
         slope,
         mixes,
     )
-    return hashlib.sha256(json.dumps(parts, default=described).encode()).digest()
+    return hashlib.sha256(json.dumps(parts, default=as_json).encode()).digest()
 
 
-def described(part):
+def as_json(part):
     """Convert an array, a record or another object for JSON. Functions are compared by identity, since their source is
     not known."""
     if isinstance(part, np.ndarray):

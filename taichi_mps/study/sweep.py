@@ -25,8 +25,7 @@ from ..forecast.accuracy import choose
 from ..input import catalogue
 from ..input.catalogue import SceneName
 from ..units import Count, Place, SceneError, Text, in_unit, require, validated
-from .case import LOST, Case, case, row_without_result
-from .case import run as run_case
+from .case import LOST, Case, case_of, row_without_result, run_case
 from .tables import open_results
 
 ACCURACY = 0.005  # of the slump [m], which chooses model and spacing where the scene can and none is given
@@ -73,7 +72,7 @@ def cases(scene: SceneName, **parameters) -> list[Case]:
         given |= {"model": [choice.model], "spacing": [choice.spacing]}
     count = math.prod(len(choices) for choices in given.values())
     require(count <= MAX_CASES, f"{', '.join(given)}: make {count:.3g} cases; must be at most {MAX_CASES}")
-    found = [case(scene, **dict(zip(given, combination, strict=True))) for combination in product(*given.values())]
+    found = [case_of(scene, **dict(zip(given, combination, strict=True))) for combination in product(*given.values())]
     return list({c.key: c for c in found}.values())
 
 

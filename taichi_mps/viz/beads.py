@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .painter import expand_runs, pixels
+from .painter import expand_spans, pixels
 
 EMPTY = np.uint64(0x4E6E6B28 << 32)  # key of a pixel without sphere: depth 1e9 m; others: depth bits << 32 | row
 AT_ONCE = 4096  # spheres
@@ -30,9 +30,9 @@ class Beads:
                 for a, size in ((x, width), (y, height))
                 for half in [self.radius * np.sqrt(a * a + away)]
             )
-            sphere, row = expand_runs(top, tall)
-            run, column = expand_runs(left[sphere], wide[sphere])
-            sphere, row = sphere[run], row[run]
+            sphere, row = expand_spans(top, tall)
+            span, column = expand_spans(left[sphere], wide[sphere])
+            sphere, row = sphere[span], row[span]
             pixel = row * width + column
             visible = (z - self.radius)[sphere] < (keys[pixel] >> np.uint64(32)).astype(np.uint32).view(np.float32)
             sphere, pixel = sphere[visible], pixel[visible]

@@ -16,11 +16,11 @@ SHADOW = 720  # texels of a side of a shadow on the floor, drawn out from its ma
 FLOOR_CELL = 4  # pixels along the side of a place for which the light on the floor is computed
 
 
-def expand_runs(first, lengths):
-    """Expand runs of consecutive integers, given by first numbers and lengths: run of each integer, and the
+def expand_spans(first, lengths):
+    """Expand spans of consecutive integers, given by first numbers and lengths: span of each integer, and the
     integers."""
-    run = np.repeat(np.arange(len(lengths)), lengths)
-    return run, np.arange(len(run)) + np.repeat(first - np.cumsum(lengths) + lengths, lengths)
+    span = np.repeat(np.arange(len(lengths)), lengths)
+    return span, np.arange(len(span)) + np.repeat(first - np.cumsum(lengths) + lengths, lengths)
 
 
 def pixels(low, high, size):
@@ -98,14 +98,14 @@ class Mesh:
         order = np.argsort(row[corners], axis=0)  # from top to bottom
         corners = np.take_along_axis(corners, order, 0)
         (ax, bx, cx), (ay, by, cy) = column[corners], row[corners]
-        which, row = expand_runs(*pixels(ay, cy, height))
+        which, row = expand_spans(*pixels(ay, cy, height))
         y, upper = row + 0.5, row + 0.5 < by[which]
         px, py, qx, qy = (np.where(upper, p[which], q[which]) for p, q in ((ax, bx), (ay, by), (bx, cx), (by, cy)))
         long = ax[which] + (y - ay[which]) * ((cx - ax) / (cy - ay))[which]
         short = px + (y - py) * ((qx - px) / (qy - py))
         first, lengths = pixels(np.minimum(long, short), np.maximum(long, short), width)
-        run, pixel = expand_runs(row * width + first, lengths)
-        picture[pixel] = shown[which][run]
+        span, pixel = expand_spans(row * width + first, lengths)
+        picture[pixel] = shown[which][span]
         pixel = np.flatnonzero(picture >= 0)
         return pixel, picture[pixel], depth[picture[pixel]] / 3.0
 

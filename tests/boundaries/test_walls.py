@@ -199,7 +199,7 @@ def test_turning_with_the_walls_is_exact_and_meets_no_resistance(case):
     near = np.min([wall.distance(system.x) for wall in walls], axis=0) < L0
     assert near.sum() > 10
     u = motion_at(walls[0], system.x)
-    G = system.gradients(u, motion=1.0)
+    G = system.gradients(u, wall_motion=1.0)
     assert np.abs(G[system.healthy] + G[system.healthy].transpose(0, 2, 1)).max() < 1e-11
     stiffened = system.x[~system.healthy]  # those at the ends of the pipe with too few neighbours, and who feels them
     free = np.array([np.all(np.linalg.norm(stiffened - x, axis=1) > RE) for x in system.x])

@@ -13,7 +13,7 @@ from taichi_mps.engine.geometry.meshes import read_mesh
 from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
-from taichi_mps.study import case, mixes, tables
+from taichi_mps.study import case, measured_mixes, tables
 from taichi_mps.units import SceneError
 
 
@@ -30,7 +30,7 @@ BAD = {  # what stands where a file should: how it is made, what is said of it
 }
 READERS = {
     "case": case_file.command_words,
-    "list": mixes.read_list,
+    "list": measured_mixes.read_list,
     "checkpoint": checkpoint.read,
     "history": read_history,
     "results": tables.read,
@@ -63,7 +63,7 @@ def test_a_file_of_somebody_else_is_refused_by_that(tmp_path, monkeypatch, name)
 def test_the_digest_of_a_case_reads_no_file_without_end(tmp_path):
     sparse(tmp_path / "bars.stl")
     with pytest.raises(SceneError, match="bars.stl: has 2e"):
-        case.case("wall", rebar=str(tmp_path / "bars.stl"))
+        case.case_of("wall", rebar=str(tmp_path / "bars.stl"))
 
 
 def test_a_checkpoint_holds_particles_of_its_domain():

@@ -74,7 +74,7 @@ def test_linear_field_is_exact_inside_and_at_free_surfaces(case, request):
     A, u = linear(rig)
     G = rig.gradients(u)[rig.healthy]
     assert len(G) > 0.5 * len(rig.x[rig.kind == FLUID])
-    surface = rig.gradient.neighbour_count.to_numpy()[rig.healthy] < 0.7 * rig.gradient.full
+    surface = rig.gradient.neighbour_count.to_numpy()[rig.healthy] < 0.7 * rig.gradient.lattice_neighbours
     assert surface.sum() >= 8  # there are many at the surface among them
     assert np.abs(G - A).max() < 1e-11
 
@@ -87,7 +87,7 @@ def test_linear_field_that_vanishes_on_a_no_slip_wall_is_exact(walled):
     u = np.outer(walled.x[:, 1] - FLOOR, a)
     G = np.outer(a, [0.0, 1.0])
     assert np.abs(walled.gradients(u)[inside] - G).max() < 1e-11
-    assert np.abs(walled.gradients(u + [0.7, 0.0], motion=1.0)[inside] - G).max() < 1e-11  # on the moving wall
+    assert np.abs(walled.gradients(u + [0.7, 0.0], wall_motion=1.0)[inside] - G).max() < 1e-11  # on the moving wall
 
 
 def test_linear_field_along_a_slip_wall_is_exact(walled):

@@ -9,7 +9,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.forecast import accuracy
-from taichi_mps.forecast.accuracy import MixNumbers, ModelErrors, choices, choose, expected, measured
+from taichi_mps.forecast.accuracy import MixNumbers, ModelErrors, choices, choose, error_table, expected
 from taichi_mps.input import catalogue
 from taichi_mps.units import SceneError
 
@@ -57,7 +57,7 @@ def test_the_file_has_what_the_words_promise():
         assert expected(model, 0.01 / 0.3, MIX), model
     for mix in (MixNumbers.of(40.0, 30.0), MixNumbers.of(1000.0, 200.0), MixNumbers.of(200.0, 500.0)):
         assert expected("full", 0.02 / 0.3, mix)
-    assert all(0.0 <= row.error < 0.2 and row.cpu_seconds > 0.0 for row in measured())
+    assert all(0.0 <= row.error < 0.2 and row.cpu_seconds > 0.0 for row in error_table())
 
 
 def facts_of(scene) -> dict:
@@ -172,8 +172,8 @@ def test_what_nothing_reaches_is_refused_with_the_best_there_is(monkeypatch):
         SceneError, match="with spacing = 0.013 m: nothing was measured there; spacings of 2.5, .* mm were$"
     ):
         mps.slump_cone(accuracy=0.005, spacing=0.013)
-    swollen = [row._replace(volume=0.011) for row in measured()]
-    monkeypatch.setattr("taichi_mps.forecast.accuracy.measured", lambda: swollen)
+    swollen = [row._replace(volume=0.011) for row in error_table()]
+    monkeypatch.setattr("taichi_mps.forecast.accuracy.error_table", lambda: swollen)
     with pytest.raises(
         SceneError, match="with spacing = 0.02 m: nothing was measured there that keeps the volume within 1 %$"
     ):

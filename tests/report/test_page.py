@@ -218,14 +218,14 @@ def test_what_does_not_fit_is_left_out_evenly(run):
     trajectory = Trajectory(run.trajectory)
     outputs = list(trajectory.replay())
     scene, history = outputs[0].scene, read_history(run.history)
-    whole, _ = drawings.film(trajectory, scene, history)
+    whole, _ = drawings.film_data(trajectory, scene, history)
     assert whole["outputs"] == len(outputs) == 9 and len(whole["times"]) == 17  # one between each two of them
     packed = drawings.pack(
         *drawings.surface_geometry(scene, outputs[-1].state),
         1.0,
         *drawings.position_scale([drawings.surface_geometry(scene, outputs[-1].state)]),
     )
-    fewer, last = drawings.film(trajectory, scene, history, 4.2 * len(zlib.compress(b"".join(packed.values()))))
+    fewer, last = drawings.film_data(trajectory, scene, history, 4.2 * len(zlib.compress(b"".join(packed.values()))))
     np.testing.assert_allclose(fewer["times"], [outputs[k].time for k in (0, 3, 5, 8)], atol=1e-6)
     np.testing.assert_array_equal(last.x, outputs[-1].state.x)
 
@@ -239,7 +239,7 @@ def test_what_does_not_fit_is_left_out_evenly(run):
     ],
 )
 def test_the_first_sentence_tells_the_scenes_own_results_where_it_has_none_of_a_known_test(summary, told):
-    assert sentences.measured({"stopped_by": "time", "cpu_seconds": 1.0, **summary}) == told
+    assert sentences.main_results({"stopped_by": "time", "cpu_seconds": 1.0, **summary}) == told
 
 
 def test_the_section_of_a_block_is_its_middle_layer():

@@ -134,7 +134,8 @@ def test_what_a_wall_that_moves_comes_near_takes_part_and_the_far_end_does_not(w
     """A plate comes down at 0.3 m/s from 0.25 m onto a layer at rest, while the left wall slides up at 50 mm/s in its
     plane: no particle within an effective radius of either is left out, and the far end is. The solver's tolerance
     leaves less of 50 mm/s than the speed below which particles are left out."""
-    monkeypatch.setattr("taichi_mps.engine.simulation.rest.pushed", lambda sim: True)  # which would read all particles
+    # which would read all particles
+    monkeypatch.setattr("taichi_mps.engine.simulation.rest.touches_moving_wall", lambda sim: True)
     still, reach, speed, below = layer(height=0.06), 2.1 * L0, 0.3, 0.25
     floor, left, right = still.walls
     section = [(0.4, below), (0.6, below), (0.6, below + 0.06), (0.4, below + 0.06)]

@@ -58,7 +58,7 @@ def test_linear_fields_have_their_gradient_and_hoop_rate(free):
     A, b = np.array([[0.7, -0.3], [0.5, 0.2]]), np.array([0.1, -0.4])
     u = free.x @ A.T + b
     G = free.gradients(u)
-    healthy = free.gradient.neighbour_count.to_numpy() > 0.5 * free.gradient.full
+    healthy = free.gradient.neighbour_count.to_numpy() > 0.5 * free.gradient.lattice_neighbours
     assert healthy.sum() > 60 and np.abs(G[:, :2, :2] - A)[healthy].max() < 1e-12
     assert np.abs(G[:, 2, 2] - u[:, 0] / free.x[:, 0]).max() < 1e-14
     assert np.all(G[:, 2, :2] == 0.0) and np.all(G[:, :2, 2] == 0.0)
@@ -92,7 +92,7 @@ def test_the_shift_counts_a_ring_by_its_cross_section(free):
     digits = np.sin(0.5 + x @ [12.9898, 78.233] / L0 + 4.934 * np.arange(2)[:, None]).T * 43758.5453
     move = l0 * (-0.1 * near.sum(1) + 0.005 * (2.0 * (digits - np.floor(digits)) - 1.0))
     size = np.linalg.norm(move, axis=1, keepdims=True)
-    full = free.gradient.neighbour_count.to_numpy() >= 0.97 * free.gradient.full
+    full = free.gradient.neighbour_count.to_numpy() >= 0.97 * free.gradient.lattice_neighbours
     assert full.sum() > 15 and section.std() > 0.1
     for rate, expected in ((5.0, move * np.minimum(1.0, 0.05 * l0 / size) + apart), (0.0, 0.0 * apart)):
         free.particles.shear_rate.fill(rate)

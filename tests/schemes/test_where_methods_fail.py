@@ -176,8 +176,8 @@ def test_the_shift_grows_with_tension(free_default):
     count, p = len(after), before["p"][np.argsort(before["id"])][after]
     h = scheme.resistance.viscosity.to_numpy()[:count]
     part = scheme.shifting.tension.to_numpy()[:count]
-    inside = scheme.fluid.gradient.neighbour_count.to_numpy()[:count] >= 0.97 * scheme.fluid.gradient.full
-    thin = (scheme.constants.inertial[0] / h) ** 2
+    inside = scheme.fluid.gradient.neighbour_count.to_numpy()[:count] >= 0.97 * scheme.fluid.gradient.lattice_neighbours
+    thin = (scheme.constants.inertial_viscosity[0] / h) ** 2
     wanted = np.where(inside, np.clip(-60.0 * p * dt / h, 0.0, 1.0) * thin, 0.0)
     np.testing.assert_allclose(part, wanted, atol=1e-5)
     assert 0.5 < part.max() < 1.0 and (part[~inside] == 0.0).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.geometry.in_time import TimeDependent
+from taichi_mps.engine.geometry.time_dependent import TimeDependent
 
 L0 = 0.1
 JUMPS = ((0.0, 3.0, 0.0), (0.2, 3.0, 0.0), (0.2, -1.0, 2.0), (0.4, -1.0, 2.0), (0.5, 0.0, 0.0))

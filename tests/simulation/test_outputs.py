@@ -10,7 +10,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.engine.problem.measures import still
 from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.engine.simulation.frame import Frame, interpolate
+from taichi_mps.engine.simulation.frame import Frame, frame_between
 from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
@@ -111,7 +111,7 @@ def frame(time, x, u, **of_scene):
 def test_a_frame_between_two_steps_lies_on_the_line_between_them():
     first = frame(1.0, [[0.2, 0.5], [0.4, 0.1]], [[1.0, 0.0], [0.0, 0.0]])
     last = frame(3.0, [[0.6, 0.5], [0.4, 0.3]], [[3.0, 0.0], [0.0, 1.0]])
-    found = interpolate(first, last, 1.5)
+    found = frame_between(first, last, 1.5)
     assert found.time == 1.5
     np.testing.assert_allclose(found.snapshot().x, [[0.3, 0.5], [0.4, 0.15]])
     np.testing.assert_allclose(found.snapshot().u, [[1.5, 0.0], [0.0, 0.25]])
@@ -122,13 +122,13 @@ def test_what_came_in_since_moves_at_its_own_velocity():
         frame(0.0, [[0.2, 0.5]], [[0.0, 0.0]]),
         frame(0.1, [[0.2, 0.5], [0.3, 0.9]], [[0.0, 0.0], [0.0, -1.0]]),
     )
-    np.testing.assert_allclose(interpolate(first, last, 0.04).snapshot().x, [[0.2, 0.5], [0.3, 0.96]])
+    np.testing.assert_allclose(frame_between(first, last, 0.04).snapshot().x, [[0.2, 0.5], [0.3, 0.96]])
 
 
 def test_who_leaves_a_periodic_domain_at_one_end_does_not_cross_it_in_a_frame():
     first, last = frame(0.0, [[0.98, 0.5]], [[1.0, 0.0]]), frame(0.1, [[0.08, 0.5]], [[1.0, 0.0]])
     last.scene.periodic = (True, False)
-    assert interpolate(first, last, 0.05).snapshot().x[0, 0] % 1.0 == pytest.approx(0.03)
+    assert frame_between(first, last, 0.05).snapshot().x[0, 0] % 1.0 == pytest.approx(0.03)
 
 
 # ---- resume ----------------------------------------------------------------------------------------------------

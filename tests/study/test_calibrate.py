@@ -15,7 +15,7 @@ from taichi_mps.study.calibration import FRICTIONAL
 from taichi_mps.study.chart import engine_curves, slump_chart
 from taichi_mps.study.emulator import FRICTION_TABLE, TABLES, Emulator, emulator_of
 from taichi_mps.study.fit import fit
-from taichi_mps.study.mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
+from taichi_mps.study.measured_mixes import TWO_ANSWERS, WITH_FRICTION, calibrate_list, tally
 from taichi_mps.study.tables import read
 
 pytest.importorskip("scipy")

@@ -13,7 +13,7 @@ import taichi_mps as mps
 from taichi_mps.cli.main import main
 from taichi_mps.input import catalogue
 from taichi_mps.study import calibrate_curves as curves
-from taichi_mps.study.curves import SHEAR_RATES, measures_of, read_curves
+from taichi_mps.study.measured_curves import SHEAR_RATES, measures_of, read_curves
 
 pytest.importorskip("scipy")
 
@@ -246,7 +246,7 @@ def test_a_curve_that_no_run_comes_to_is_refused(tmp_path, exact, end):
 def test_the_engine_finds_its_own_constants(tmp_path, monkeypatch, capsys):
     """By the command line the constants of a run with 420 Pa and 65 Pa s are recovered from its slump and slump flow
     over a second and another start, within the 3 % by which 57 particles scatter, with a case file and a chart."""
-    course = curves.RUN(curves.case("slump", **TRUE, **BODY, until=1.0))["course"]
+    course = curves.RUN(curves.case_of("slump", **TRUE, **BODY, until=1.0))["course"]
     rows = list(zip(*(course[name] for name in ("time_s", "slump_m", "spread_m")), strict=True))[4::6]
     text = "time,slump,slump flow\n" + "".join(f"{t:.4f},{slump:.5f},{flow:.5f}\n" for t, slump, flow in rows)
     (tmp_path / "c.csv").write_text(text, encoding="utf-8")

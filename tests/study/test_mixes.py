@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 import taichi_mps as mps
 from taichi_mps.cli.main import main
-from taichi_mps.study import mixes, tables
+from taichi_mps.study import measured_mixes, tables
 from taichi_mps.study.calibrate import Measurements, calibrate
-from taichi_mps.study.mixes import (
+from taichi_mps.study.measured_mixes import (
     BOUNDED,
     EXPLAINED,
     REFUSED,
@@ -87,7 +87,7 @@ def test_options_that_a_list_cannot_have_are_refused(tmp_path, capsys, options, 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_first_mix(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
-    monkeypatch.setattr(mixes, "calibrate_list", lambda *_: pytest.fail("computes before"))
+    monkeypatch.setattr(measured_mixes, "calibrate_list", lambda *_: pytest.fail("computes before"))
     assert main(["calibrate", "--table", str(written(tmp_path))]) == 2
     assert "mixes-calibrated.csv: must be a CSV file in a folder that is there and can be" in capsys.readouterr().err
 

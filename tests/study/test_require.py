@@ -8,7 +8,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.cli import study as commands
 from taichi_mps.cli.main import main
-from taichi_mps.study.chart import require_chart
+from taichi_mps.study.chart import borders_chart
 from taichi_mps.study.require import Border, Wanted, bracket, find_borders, next_mixes
 
 LOW, HIGH, WITHIN = 10.0, 1000.0, 0.1
@@ -71,7 +71,7 @@ def test_a_study_is_kept_and_tells_a_slump_to_order(tmp_path):
         (slump, flow), (less, _) = border.slumps_m
         assert 0.0 < less < slump < 0.3 < flow
         assert f"order a slump of {100 * slump:.1f} cm" in str(border)
-    chart = require_chart(borders, rows, wanted, tmp_path / "chart.png")
+    chart = borders_chart(borders, rows, wanted, tmp_path / "chart.png")
     assert chart.read_bytes().startswith(b"\x89PNG")
     again, same = study(tmp_path / "study", wanted, calls)
     assert again == borders and same == rows and len(set(calls)) == len(calls)

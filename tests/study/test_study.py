@@ -49,18 +49,20 @@ def test_bad_values_are_refused(text):
 
 
 def test_a_key_is_the_scene_and_all_its_parameters(tmp_path):
-    known = cases.case("slump", yield_value="300")
-    assert known.key == cases.case("slump", yield_value=300.0, plastic_viscosity=50).key == cases.case("slump").key
-    assert known.key != cases.case("slump", yield_value=301.0).key
+    known = cases.case_of("slump", yield_value="300")
+    assert (
+        known.key == cases.case_of("slump", yield_value=300.0, plastic_viscosity=50).key == cases.case_of("slump").key
+    )
+    assert known.key != cases.case_of("slump", yield_value=301.0).key
     changed = tmp_path / "slump.py"
     changed.write_text(Path(catalogue.locate("slump")).read_text() + "\n")
-    assert known.key != cases.case(str(changed), yield_value=300.0).key
+    assert known.key != cases.case_of(str(changed), yield_value=300.0).key
     with pytest.raises(SceneError, match="yield_value = -1 Pa"):
-        cases.case("slump", yield_value=-1)
+        cases.case_of("slump", yield_value=-1)
     bars, keys = tmp_path / "bars.stl", set()
     for text in ("one", "another"):
         bars.write_text(text)
-        keys.add(cases.case("wall", rebar=str(bars)).key)
+        keys.add(cases.case_of("wall", rebar=str(bars)).key)
     assert len(keys) == 2
 
 
@@ -145,7 +147,7 @@ def test_a_case_for_which_memory_is_missing_is_computed_again(monkeypatch):
         raise ShortOfMemoryError("spacing = 0.01 m: its particles take 3 GB")
 
     monkeypatch.setattr("taichi_mps.study.reuse.begin", begin)
-    row = cases.run(cases.case("film", spacing=0.05))
+    row = cases.run_case(cases.case_of("film", spacing=0.05))
     assert row["status"] == LOST and row["reason"].endswith("take 3 GB")
 
 
@@ -270,7 +272,7 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
     film, shape = tmp_path / "slow.py", {"depth": 0.04, "spacing": 0.01, "until": 0.05}
     film.write_text(text.replace("measure=measure,", f"measure=measure, {over_time},"))
     mixes = (100, 50, 2300), (40, 20, 2000), (50, 25, 1150), (100, 50, 2300)
-    rows = [cases.run(cases.case(str(film), yield_value=tau, plastic_viscosity=eta, density=rho, **shape))
+    rows = [cases.run_case(cases.case_of(str(film), yield_value=tau, plastic_viscosity=eta, density=rho, **shape))
             for tau, eta, rho in mixes]  # fmt: skip
     assert [row["status"] for row in rows] == ["done"] * 4
     assert all(row["compile_seconds"] < 0.2 * rows[0]["compile_seconds"] for row in rows[1:])
@@ -281,7 +283,7 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
     sim = begin(catalogue.build(str(film), plastic_viscosity=20, density=2000, **shape))
     height = np.ptp(sim.scene.fluid[:, 1]) + 0.01
     assert sim.scheme.constants.time_step.longest == longest_step(0.01, 9.81, height, 0.01)  # what similarity leaves
-    failed = cases.run(cases.case("slump", lift_speed=0.1, model="quarter", spacing=0.03))
+    failed = cases.run_case(cases.case_of("slump", lift_speed=0.1, model="quarter", spacing=0.03))
     assert failed["status"] == "failed" and "lift_speed = 0.1 m/s" in failed["reason"]
 
 
@@ -289,7 +291,7 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
 def test_a_run_of_a_study_tells_its_warnings_in_its_row_and_not_on_the_screen(tmp_path, recwarn):
     text = Path(catalogue.locate("film")).read_text().replace("measure=measure", "measure=lambda s: {'odd': 'x'}")
     (tmp_path / "odd.py").write_text(text)
-    row = cases.run(cases.case(str(tmp_path / "odd.py"), spacing=0.02, until=0.002))
+    row = cases.run_case(cases.case_of(str(tmp_path / "odd.py"), spacing=0.02, until=0.002))
     assert row["status"] == "done" and "odd = x is no number" in row["reason"]
     assert f"({row['reason']})" in outcome(row) and not recwarn.list
 
@@ -298,7 +300,7 @@ def test_a_run_of_a_study_tells_its_warnings_in_its_row_and_not_on_the_screen(tm
 def test_a_case_of_a_flow_table_has_its_flow():
     """The flow is the spread after the last jolt over the mould's foot of 200 mm."""
     how = {"spacing": 0.02, "model": "axisymmetric", "wait": 0.3, "period": 0.3}
-    row = cases.run(cases.case("flow_table", jolts=1, **how))
+    row = cases.run_case(cases.case_of("flow_table", jolts=1, **how))
     assert row["flow_ratio"] == pytest.approx(row["spread_after_1_jolts_m"] / 0.2 - 1.0) and row["flow_ratio"] > 0.3
 
 
@@ -333,7 +335,7 @@ def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
 def test_t500_of_a_case_is_that_of_all_steps():
     """A case measures the slump flow at some steps only; T500, interpolated in time, is that of all within 1 %."""
     soft = {"model": "axisymmetric", "spacing": 0.02, "yield_value": 30.0, "plastic_viscosity": 50.0, "until": 5.0}
-    found, sim = cases.run(cases.case("slump", **soft))["t500_s"], mps.Simulation(mps.slump_cone(**soft))
+    found, sim = cases.run_case(cases.case_of("slump", **soft))["t500_s"], mps.Simulation(mps.slump_cone(**soft))
     course = [(0.0, sim.measures()["spread_m"])]
     sim.each_step(lambda sim: course.append((sim.time, sim.measures()["spread_m"])))
     sim.run()

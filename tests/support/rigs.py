@@ -116,16 +116,16 @@ class Rig:
     @ti.kernel
     def _forces(self):
         for i in range(self.particles.count[None]):
-            self.sums.set_flux(i, self.gradient.spread_stress(i, self.T[i]))
+            self.sums.set_flux(i, self.gradient.stress_flux(i, self.T[i]))
         for i in range(self.particles.count[None]):
             self.sums.gather_fluxes(i)
         for i in range(self.particles.count[None]):
             self.F[i] = self.sums.force(i)
 
-    def gradients(self, u, motion=0.0):
-        """Velocity gradients (n, t, t) [1/s] of u (n, d); ``motion`` 1 with the walls' own velocity."""
+    def gradients(self, u, wall_motion=0.0):
+        """Velocity gradients (n, t, t) [1/s] of u (n, d); ``wall_motion`` 1 with the walls' own velocity."""
         self.u.from_numpy(np.ascontiguousarray(u))
-        self._gradients(motion)
+        self._gradients(wall_motion)
         return self.G.to_numpy()
 
     def fits(self, u):
@@ -157,7 +157,7 @@ class Numbers:
     def __init__(self, capacity, density):
         self.density = density
         self.mu, self.h = ti.field(ti.f64, capacity), ti.field(ti.f64, capacity)  # [Pa s], [N s m]
-        self.bulk, self.own_step = ti.field(ti.f64, ()), ti.field(ti.f64, ())  # [Pa s], [s]
+        self.bulk, self.natural_step = ti.field(ti.f64, ()), ti.field(ti.f64, ())  # [Pa s], [s]
 
     @ti.func
     def density_of(self, i):
@@ -182,7 +182,7 @@ class System(Rig):
         self.mu = rng.uniform(10.0, 1000.0, n)[number]
         self.h = 2.0 * self.volume / self.gradient.n0 * rng.uniform(5.0, 500.0, n)[number]
         numbers.h.from_numpy(self.h)
-        numbers.own_step[None] = 1.0
+        numbers.natural_step[None] = 1.0
         if not resistance_only:
             numbers.bulk[None] = BULK
             numbers.mu.from_numpy(self.mu)

@@ -4,7 +4,7 @@ The tangential traction t [Pa] of a wall resists the slip u_s [m/s] of the fluid
 sticks, t = (yield stress + viscous constant |u_s|) u_s/|u_s| where it slips. To the fit the wall moves along with the
 slip of the particle, which within a solve is linear in the velocity u of the particle relative to the wall,
 
-    u_s = (1 - s) u + offset,      s = R/(R + mu/z),      t = R u_s + t_0:
+    u_s = (1 - s) u + offset,      s = R/(R + mu/z),      t = R u_s + constant_traction:
 
 friction and the layer of thickness z between wall and particle in series. R is the viscous constant plus a penalty r,
 which ties the slip to the yield stress as mu_r does the strain rate (stress.py). After each solve ``map_traction``
@@ -23,7 +23,7 @@ class FrictionalSlip:
     particles.
 
     ``slope`` [Pa s], the ``typical_slope`` of the fluid's flow curve, is the viscosity of the layer between particle
-    and wall in ``set_bond``."""
+    and wall in ``set_sheared_fraction``."""
 
     def __init__(self, law, slip, traction, spacing: float, slope: float):
         d, capacity = slip.n, slip.shape[0]
@@ -35,9 +35,10 @@ class FrictionalSlip:
         self.stick = ti.field(real(), capacity)  # s [-]
         self.area = ti.field(real(), capacity)  # of the wall that belongs to the particle [m2]
         self.thickness = ti.field(real(), capacity)  # of the layer between particle and wall [m]
-        self.bond = ti.field(real(), capacity)  # factor of t(z): 0 where it slips as a plug, 1 where it sticks [-]
+        # factor of t(z): 0 where it slips as a plug, 1 where it sticks [-]
+        self.sheared_fraction = ti.field(real(), capacity)
         self.offset = ti.Vector.field(d, real(), capacity)  # part of u_s that does not depend on u [m/s]
-        self.constant_traction = ti.Vector.field(d, real(), capacity)  # t_0 [Pa]
+        self.constant_traction = ti.Vector.field(d, real(), capacity)  # part of t that does not depend on u_s [Pa]
 
     @ti.func
     def velocity_in_fit(self, i, n, v):
@@ -47,9 +48,9 @@ class FrictionalSlip:
         return normal + self.stick[i] * (v - normal)
 
     @ti.func
-    def slip_velocity(self, i, n, v, motion):
-        """Slip u_s [m/s] at the velocity v relative to the wall; with ``motion`` 0 without ``offset``."""
-        return (1.0 - self.stick[i]) * (v - n * n.dot(v)) + motion * self.offset[i]
+    def slip_velocity(self, i, n, v, wall_motion):
+        """Slip u_s [m/s] at the velocity v relative to the wall; with ``wall_motion`` 0 without ``offset``."""
+        return (1.0 - self.stick[i]) * (v - n * n.dot(v)) + wall_motion * self.offset[i]
 
     @ti.func
     def resistance(self):
@@ -57,23 +58,23 @@ class FrictionalSlip:
         return ti.cast(self.constant, float) + self.penalty[None]
 
     @ti.func
-    def drag(self, i, n, v, motion):
+    def drag(self, i, n, v, wall_motion):
         """Force [N] of the wall against a particle with the velocity v, besides the one through the particle's
         stress."""
-        t = self.resistance() * self.slip_velocity(i, n, v, motion)
+        t = self.resistance() * self.slip_velocity(i, n, v, wall_motion)
         if ti.static(self.yields):
-            t += motion * self.constant_traction[i]
+            t += wall_motion * self.constant_traction[i]
         return (1.0 - self.stick[i]) * self.area[i] * t
 
     @ti.func
-    def set_bond(self, i, z):
-        """Set ``bond``, the fraction of the velocity of a particle at z [m] that is shear in the layer beneath it, the
-        rest being slip."""
+    def set_sheared_fraction(self, i, z):
+        """Set ``sheared_fraction``, the fraction of the velocity of a particle at z [m] that is shear in the layer
+        beneath it, the rest being slip."""
         t = self.constant * self.slip[i]
         if ti.static(self.yields):
             t += self.traction[i]
         size, sheared = t.norm(), self.eta / z * self.slip[i].norm()
-        self.bond[i] = size / (size + sheared) if sheared > 0.0 else 1.0
+        self.sheared_fraction[i] = size / (size + sheared) if sheared > 0.0 else 1.0
 
     @ti.func
     def set_area(self, i, n, z, volume, cBn, ratio, acts, second_row_fraction):

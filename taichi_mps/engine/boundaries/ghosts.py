@@ -106,8 +106,8 @@ class GhostSums:
             self.remaining = ti.Vector.field(len(GHOST_SUMS), real(), each)
 
     @ti.func
-    def interpolate(self, table: ti.template(), name: ti.template(), z, ratio):
-        """Interpolate one of GHOST_SUMS in a table at distance z [m], for a particle of this cross-section ratio."""
+    def table_value(self, table: ti.template(), name: ti.template(), z, ratio):
+        """One of GHOST_SUMS, interpolated in a table at distance z [m], for a particle of this cross-section ratio."""
         row = ti.cast(0.0, float)
         if ti.static(self.rings):
             row = (ti.sqrt(ratio) - SMALLEST_RING) / (LARGEST_RING - SMALLEST_RING) * (RING_SIZES - 1)
@@ -142,9 +142,9 @@ class GhostSums:
         given [1/m]. In a corner, ghosts behind both walls count once. Their sum w e along either normal belongs to
         neither wall: it cancels with the other wall's ghosts in front of the first; so does their gradient where one of
         the two walls is a mirror plane."""
-        value = self.interpolate(self.flat, name, z, ratio)
+        value = self.table_value(self.flat, name, z, ratio)
         if ti.static(wall.curved):
-            value += curvature * self.interpolate(self.bend, name, z, ratio)
+            value += curvature * self.table_value(self.bend, name, z, ratio)
         for other, before, mirror in ti.static(wall.cut_by):
             if ti.static(name == "inward" or (before if name in COUNT_SUMS else mirror)):
                 across, _n, _velocity, _curvature = other.nearest(x)

@@ -21,8 +21,8 @@ class WallPositions:
         arguments = dimension, spacing, self.clock, capacity, effective_radius
         self.surfaces = tuple(SURFACES[type(wall)](wall, *arguments) for wall in walls)
         self.moving = any(wall.speed > 0.0 for wall in walls)
-        self.travelling = any(surface.moves for surface in self.surfaces)
-        self.in_time = [surface for surface in self.surfaces if surface.in_time]
+        self.positions_change = any(surface.changes_position for surface in self.surfaces)
+        self.varying = [surface for surface in self.surfaces if surface.velocity_varies]
         self.separating = tuple(surface for surface in self.surfaces if surface.separates)
         if self.separating:
             # signed distance from each of them [m]
@@ -32,33 +32,33 @@ class WallPositions:
         """Set the walls to their positions at a time [s]."""
         self.time = time
         self.set_displacements(time)
-        if self.travelling:
+        if self.positions_change:
             self.clock[None] = time
 
     def set_displacements(self, time: float) -> None:
         """Set the displacements, at a time [s], of the walls whose velocity changes."""
-        if self.in_time:
+        if self.varying:
             flush()
-        for surface in self.in_time:
+        for surface in self.varying:
             surface.moved[None] = surface.wall.displacement(time)
 
     def set_velocities(self, dt: float) -> None:
         """Set the mean velocity, over a step of dt [s], of the walls whose velocity changes."""
-        if self.in_time:
+        if self.varying:
             flush()
-        for surface in self.in_time:
-            surface.mean[None] = surface.wall.mean_velocity(self.time, self.time + dt)
+        for surface in self.varying:
+            surface.mean_velocity[None] = surface.wall.mean_velocity(self.time, self.time + dt)
 
     def move_to_middle(self, dt: float) -> None:
         """Set the walls to their positions in the middle of a step of dt [s]."""
         self.set_displacements(self.time + 0.5 * dt)
-        if self.travelling:
+        if self.positions_change:
             self.set_clock(self.time + 0.5 * dt)
 
     def move_to_end(self, dt: float) -> None:
         """Set the walls to their positions at the end of a step of dt [s], from its middle."""
         self.set_displacements(self.time + dt)
-        if self.travelling:
+        if self.positions_change:
             self.set_clock(self.time + 0.5 * dt + 0.5 * dt)
         self.time += dt
 

@@ -21,7 +21,7 @@ class SampledSurface(Surface):
         (self.values,) = constant_fields(wall.values)
         self.velocity = ti.types.vector(dimension, real())(wall.travel)
         self.rotates, self.rate = wall.angular_velocity != 0.0, wall.angular_velocity
-        self.moves = self.travels or self.rotates
+        self.changes_position = self.travels or self.rotates
         if self.rotates:
             self.centre = ti.types.vector(dimension, ti.f64)(wall.centre)
             self.spin = ti.types.matrix(dimension, dimension, ti.f64)(wall.spin)
@@ -69,9 +69,9 @@ class SampledSurface(Surface):
         return rotated
 
     @ti.func
-    def motion(self, foot):
+    def velocity_at(self, foot):
         """Velocity [m/s] of the solid at a place [m]."""
-        velocity = self.translation()
+        velocity = self.translation_velocity()
         if ti.static(self.rotates):
             velocity += ti.cast(self.spin @ self.arm(foot), float)
         return velocity
@@ -111,7 +111,7 @@ class SampledSurface(Surface):
     @ti.func
     def face(self, i, x, slot: ti.template()):
         z, n = self.z[i, slot], self.n[i, slot]
-        return z, n, self.motion(x - ti.cast(z * n, ti.f64)), ti.cast(0.0, float)
+        return z, n, self.velocity_at(x - ti.cast(z * n, ti.f64)), ti.cast(0.0, float)
 
     @ti.func
     def sample(self, x):
@@ -127,15 +127,15 @@ class SampledSurface(Surface):
     def nearest(self, x):
         z, slope = self.sample(x)
         n = self.rotated(slope / ti.max(slope.norm(), 1e-6))
-        return z, n, self.motion(x - ti.cast(z * n, ti.f64)), ti.cast(0.0, float)
+        return z, n, self.velocity_at(x - ti.cast(z * n, ti.f64)), ti.cast(0.0, float)
 
     @ti.func
-    def drives_near(self, x, max_distance: ti.template(), ahead: ti.template()):
-        """Whether the solid drives fluid within ``max_distance`` + ``ahead`` [m] of x; farther than ``max_distance``
+    def moves_near(self, x, max_distance: ti.template(), ahead: ti.template()):
+        """Whether the solid moves within ``max_distance`` + ``ahead`` [m] of x; farther than ``max_distance``
         its distance is not known."""
         near = False
         for k in ti.static(range(1 + int(np.ceil(ahead / max_distance)))):
-            path = ti.cast(self.motion(x) * (k * max_distance / self.speed), ti.f64)
+            path = ti.cast(self.velocity_at(x) * (k * max_distance / self.speed), ti.f64)
             near = near or self.signed_distance(x - path) < max_distance
         return near
 

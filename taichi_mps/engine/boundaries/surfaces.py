@@ -39,14 +39,14 @@ class Surface:
         self.resists_slip, self.no_slip = not wall.slip, not wall.slip and not self.has_friction
         self.releases, self.particles, self.released = False, None, None  # of a unilateral wall; set by Walls
         self.clock, self.travels = clock, bool(np.any(wall.travel))  # whether it is translated
-        self.moves = self.travels  # whether its position changes
-        self.drives, self.speed = wall.speed > 0.0, wall.speed  # whether it moves, also within its surface; [m/s]
+        self.changes_position = self.travels  # whether its position changes
+        self.moving, self.speed = wall.speed > 0.0, wall.speed  # whether it moves, also within its surface; [m/s]
         self.separates = wall.thin  # whether fluid on its two sides does not interact
         self.travel = ti.types.vector(dimension, ti.f64)(wall.travel)
         self.point = ti.types.vector(dimension, ti.f64)(wall.point)
-        self.wall, self.in_time = wall, wall.in_time is not None  # whether its velocity changes
-        if self.in_time:  # way since 0 s [m], and mean velocity of the step [m/s]
-            self.moved, self.mean = (double_field(components=dimension) for _ in range(2))
+        self.wall, self.velocity_varies = wall, wall.in_time is not None  # whether its velocity changes
+        if self.velocity_varies:  # way since 0 s [m], and mean velocity of the step [m/s]
+            self.moved, self.mean_velocity = (double_field(components=dimension) for _ in range(2))
 
     @ti.func
     def arm(self, x):
@@ -64,16 +64,16 @@ class Surface:
     @ti.func
     def displacement(self):
         """Displacement of the wall since 0 s [m]."""
-        if ti.static(self.in_time):
+        if ti.static(self.velocity_varies):
             return self.moved[None]
         else:
             return self.clock[None] * self.travel
 
     @ti.func
-    def translation(self):
+    def translation_velocity(self):
         """Velocity of the wall without rotation [m/s]."""
-        if ti.static(self.in_time):
-            return ti.cast(self.mean[None], float)
+        if ti.static(self.velocity_varies):
+            return ti.cast(self.mean_velocity[None], float)
         else:
             return self.velocity
 
@@ -107,7 +107,7 @@ class Surface:
         self.released[i] = ti.cast(leaves and not presses, float)
 
     @ti.func
-    def drives_near(self, x, max_distance: ti.template(), ahead: ti.template()):
+    def moves_near(self, x, max_distance: ti.template(), ahead: ti.template()):
         """Whether the moving wall is within ``max_distance`` [m] of x, or will be after ``ahead`` [m] of motion."""
         z, _n, velocity, _curvature = self.nearest(x)
         return z < max_distance + ahead and velocity.norm_sqr() > 0.0
@@ -173,7 +173,7 @@ class PlaneSurface(Surface):
     @ti.func
     def nearest(self, x):
         z = ti.cast(self.offset(x).dot(ti.cast(self.normal, ti.f64)), float)
-        return z, self.normal, self.translation(), ti.cast(0.0, float)
+        return z, self.normal, self.translation_velocity(), ti.cast(0.0, float)
 
 
 @ti.data_oriented
@@ -222,8 +222,8 @@ class CylinderSurface(Surface):
         n = self.side * self.cosine * (self.slope * self.axis - e)
         foot = r + self.side * self.cosine * z
         velocity = self.velocity * self.axis + foot * (self.spin @ e)
-        if ti.static(self.in_time):
-            velocity += self.mean[None]
+        if ti.static(self.velocity_varies):
+            velocity += self.mean_velocity[None]
         curvature = ti.cast(self.side * self.cosine / foot, float)
         if ti.static(self.ends):
             foot_s = s - z * n.dot(self.axis)

@@ -129,7 +129,7 @@ class Walls(WallPositions):
                 moment += self.c[i, f] * ti.max(z, self.closest) * normal
                 if ti.static(not wall.slip):
                     if ti.static(wall.has_friction):
-                        wall.friction.set_bond(i, ti.max(z, self.closest))
+                        wall.friction.set_sheared_fraction(i, ti.max(z, self.closest))
                     t = self.tangential(i, wall, f, x, z, curvature, ratio)
                     moment += t * (ti.Matrix.identity(float, self.dimension) - normal)
         return counts, moment, surface_normal
@@ -139,34 +139,34 @@ class Walls(WallPositions):
         """Moment t(z) [-] along the wall of face f at x, smaller where the fluid slips on it."""
         t = self.ghosts.lookup("tangential", i, wall, f, x, z, curvature, ratio)
         if ti.static(wall.has_friction):
-            t *= wall.friction.bond[i]
+            t *= wall.friction.sheared_fraction[i]
         return t
 
     @ti.func
-    def velocity_in_fit(self, i, wall: ti.template(), n, v, motion):
-        """Part of a velocity v relative to the wall that enters the fit; ``motion`` 1 adds the part of the slip that
-        does not depend on v. With ``motion`` 0 it is symmetric: the same part of a force acts on the particle."""
+    def velocity_in_fit(self, i, wall: ti.template(), n, v, wall_motion):
+        """Part of a velocity v relative to the wall that enters the fit; ``wall_motion`` 1 adds the part of the slip
+        that does not depend on v. With 0 it is symmetric: the same part of a force acts on the particle."""
         seen = v
         if ti.static(wall.slip):
             seen = n * n.dot(v)
         if ti.static(wall.has_friction):
-            seen = wall.friction.velocity_in_fit(i, n, v) - motion * wall.friction.offset[i]
+            seen = wall.friction.velocity_in_fit(i, n, v) - wall_motion * wall.friction.offset[i]
         return seen
 
     @ti.func
-    def gradient_term(self, i, x, u, motion, ratio):
+    def gradient_term(self, i, x, u, wall_motion, ratio):
         """sum of (u - u_wall) (x) n c [1/s 1/m], and t S (I - n (x) n) where the wall turns with the gradient S;
-        ``motion`` 1 with the walls' velocity, 0 without."""
+        ``wall_motion`` 1 with the walls' velocity, 0 without."""
         total = ti.Matrix.zero(float, self.dimension, self.dimension)
         for f, wall in ti.static(enumerate(self.faces)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, curvature = wall.face(i, x, self.slots[f])
-                difference = self.velocity_in_fit(i, wall, n, u - motion * velocity, motion)
+                difference = self.velocity_in_fit(i, wall, n, u - wall_motion * velocity, wall_motion)
                 total += difference.outer_product(n) * self.c[i, f]
                 if ti.static(wall.rotates and not wall.slip):
                     spin = ti.cast(wall.spin, float)
                     t = self.tangential(i, wall, f, x, z, curvature, ratio)
-                    total += motion * t * (spin - (spin @ n).outer_product(n))
+                    total += wall_motion * t * (spin - (spin @ n).outer_product(n))
         return total
 
     @ti.func
@@ -196,14 +196,14 @@ class Walls(WallPositions):
         return total
 
     @ti.func
-    def drag_term(self, i, x, u, motion, face: ti.template() = None):
+    def drag_term(self, i, x, u, wall_motion, face: ti.template() = None):
         """Sum of (u - u_wall) c/z, the walls' part of the resistance to hourglass modes (momentum.py); and its power,
         sum of |u - u_wall|^2 c/z [1/s2]."""
         total, power = ti.Vector.zero(float, self.dimension), ti.cast(0.0, float)
         for f, wall in ti.static(self.select_faces(face)):
             if self.c[i, f] > 0.0:
                 z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                difference = self.velocity_in_fit(i, wall, n, u - motion * velocity, motion)
+                difference = self.velocity_in_fit(i, wall, n, u - wall_motion * velocity, wall_motion)
                 weight = self.c[i, f] / ti.max(z, self.closest)
                 power += difference.norm_sqr() * weight
                 if ti.static(wall.has_friction):
@@ -212,13 +212,13 @@ class Walls(WallPositions):
         return total, power
 
     @ti.func
-    def friction_term(self, i, x, u, motion, face: ti.template() = None):
+    def friction_term(self, i, x, u, wall_motion, face: ti.template() = None):
         """Force [N] of the walls' friction against a particle, besides force_term."""
         total = ti.Vector.zero(float, self.dimension)
         for f, wall in ti.static(self.select_faces(face, "has_friction")):
             if self.c[i, f] > 0.0:
                 _z, n, velocity, _curvature = wall.face(i, x, self.slots[f])
-                total += wall.friction.drag(i, n, u - motion * velocity, motion)
+                total += wall.friction.drag(i, n, u - wall_motion * velocity, wall_motion)
         return total
 
     @ti.func

@@ -14,7 +14,7 @@ MIN_BEND_AT_CREASE, MAX_GRADIENT_AT_CREASE = 0.15, 0.97
 MAX_BEND_AT_FACE = 0.1  # change of the slope over a node from which on it is not clearly in front of one face [-]
 MAX_COSINE = 0.8  # cosine of the angle between the normals of two faces up to which they are different faces [-]
 EDGE_MARGIN = 0.15  # depth behind the other face, over ``max_distance``, at which a foot lies beyond the edge [-]
-NODES_PER_SLAB = 500_000  # nodes searched at a time, without the halo around them
+NODES_PER_SLAB = 500_000  # nodes searched at a time, without the margin around them
 
 
 def find_concave_edges(values, cell: float, max_distance: float, search):
@@ -24,11 +24,11 @@ def find_concave_edges(values, cell: float, max_distance: float, search):
     distance fills rows of fewer faces. ``search`` is ``boundaries.sampled.search_faces``."""
     values = np.asarray(values, float)
     d, steps = values.ndim, search_offsets(values.ndim, max_distance / cell)
-    halo = max(int(np.abs(steps).max(initial=0)), int(np.ceil(0.75 * max_distance / cell))) + 2
+    margin = max(int(np.abs(steps).max(initial=0)), int(np.ceil(0.75 * max_distance / cell))) + 2
     number, tables = np.full(values.shape, -1, np.int32), [np.zeros((0, d, 1 + d))]
     across = max(1, int(NODES_PER_SLAB / np.prod(values.shape[1:])))
     for first in range(0, len(values), across):  # slabs, for the sake of memory
-        low, high = max(0, first - halo), min(len(values), first + across + halo)
+        low, high = max(0, first - margin), min(len(values), first + across + margin)
         nodes, table = nodes_with_several_faces(
             search, values[low:high], cell, max_distance, steps, first - low, first + across - low
         )

@@ -18,8 +18,8 @@ from ...units import (
     SceneError,
     Size,
     Text,
-    answer,
     array,
+    numbers_from,
     points,
     quote,
     real,
@@ -28,8 +28,8 @@ from ...units import (
     vector,
 )
 from .concave_edges import NODES_PER_SLAB, interpolate
-from .in_time import Moving, table_of_time
 from .meshes import MAX_LENGTH_IN_REACHES, check_bodies, extend_upwards, mesh_distance, read_mesh, unite_bodies
+from .time_dependent import Moving, table_of_time
 from .walls import Friction, check_surface, require_same_dimension, spin
 
 
@@ -42,7 +42,7 @@ def polygon_corners(corners):
 
 def evaluate_distance(function, x):
     """Evaluate a user's distance function [m] at points (n, d); SceneError where it gives no finite numbers."""
-    found = answer("distance", function, x)
+    found = numbers_from("distance", function, x)
     wrong = f"distance = {quote(function, '')}: must give a finite number [m] for each point, (n,)"
     require(found.size == len(x) and np.all(np.isfinite(found)), wrong)
     return found

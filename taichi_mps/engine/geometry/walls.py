@@ -22,8 +22,8 @@ from ...units import (
     validated,
     vector,
 )
-from .in_time import Moving, table_of_time
 from .shapes import Box, HasDistance
+from .time_dependent import Moving, table_of_time
 
 
 class Friction(Checked):

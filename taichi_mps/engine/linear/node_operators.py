@@ -7,7 +7,7 @@ import numpy as np
 
 from ..particles.neighbors import wrapped_number
 from ..runtime.backend import constant_fields, real, ti
-from ..runtime.sums import lanes
+from ..runtime.sums import sum_threads
 
 
 @ti.data_oriented
@@ -16,7 +16,7 @@ class NodeOperators:
 
     Grid 0 has a node at each corner of the binning cells, each next one every second node of the last, along the
     axes where that is possible. ``corner_weights`` interpolate from grid 0 to particles, ``parent_and_weight`` from
-    grid to grid. Nodes within reach of particles are active. From grid 1 on each active node has a row, from
+    grid to grid. Nodes near particles are active. From grid 1 on each active node has a row, from
     first_row[grid] on. There are rows for one in four particles on grid 1, half as many on each next one, 1000 at
     least; concrete takes a tenth of that. Nodes without a row, as of a spray, stay out of these grids, which then
     correct less.
@@ -53,7 +53,7 @@ class NodeOperators:
             stride = np.where(merge, 2 * stride, stride)
             shape = np.where(merge, np.where(bins.periodic, shape // 2, shape // 2 + 1), shape)
         self.grids = len(shapes)
-        self.serial = lanes() == 1  # whether nodes and cells are listed in order
+        self.serial = sum_threads() == 1  # whether nodes and cells are listed in order
         first = np.cumsum([0] + [int(np.prod(s)) for s in shapes])
         self.nodes = int(first[-1])
         ratios = np.array([stride // finer for finer, stride in pairwise([strides[0], *strides])])
@@ -69,7 +69,7 @@ class NodeOperators:
         self.first_node, self.first_row, self.inverse_ratio = constant_fields(first, start, 1.0 / ratios.prod(1))
         # for each grid, along each axis: nodes, cells per node, and nodes of the finer grid per node, 1 or 2
         self.shape, self.stride, self.ratio = constant_fields(np.array(shapes), np.array(strides), ratios, vectors=True)
-        self.active = ti.field(ti.i32, self.nodes)  # 1 where a particle may be within reach of the node
+        self.active = ti.field(ti.i32, self.nodes)  # 1 where a particle may be near the node
         self.active_nodes = ti.field(ti.i32, self.nodes)  # active nodes of a grid, from first_node on
         self.node_index = ti.Vector.field(d, ti.i32, self.nodes)  # coordinates of these on their grid
         self.active_count = ti.field(ti.i32, self.grids)  # number of active nodes

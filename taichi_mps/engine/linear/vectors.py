@@ -3,7 +3,7 @@ rows (CSR); the Jacobi preconditioner."""
 
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import loop_stage, stage
-from ..runtime.sums import GPU_LANES, lanes
+from ..runtime.sums import GPU_THREADS, sum_threads
 from ..runtime.thread_team import first, last, leads, wait
 
 ROWS_PER_BLOCK = 1024  # rows per partial sum: a dot product has the same bits with any number of threads
@@ -19,7 +19,7 @@ class Vectors:
     def __init__(self, capacity: int, components: int, operator):
         self.capacity, self.components, self.operator = capacity, components, operator
         self.count, self.real = operator.count, real()
-        self.partial, self.serial = double_field((capacity + ROWS_PER_BLOCK - 1) // ROWS_PER_BLOCK), lanes() == 1
+        self.partial, self.serial = double_field((capacity + ROWS_PER_BLOCK - 1) // ROWS_PER_BLOCK), sum_threads() == 1
 
     def field(self):
         """Make a vector field of this capacity."""
@@ -44,10 +44,10 @@ class Vectors:
             wait()
         else:
             out[None] = 0.0
-            for lane in range(GPU_LANES):
+            for thread in range(GPU_THREADS):
                 s = ti.cast(0.0, ti.f64)
-                for k in range((self.count[None] - lane + GPU_LANES - 1) // GPU_LANES):
-                    s += ti.cast(a[lane + k * GPU_LANES].dot(b[lane + k * GPU_LANES]), ti.f64)
+                for k in range((self.count[None] - thread + GPU_THREADS - 1) // GPU_THREADS):
+                    s += ti.cast(a[thread + k * GPU_THREADS].dot(b[thread + k * GPU_THREADS]), ti.f64)
                 out[None] += s
 
     @loop_stage("axpy")

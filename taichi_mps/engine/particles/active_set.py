@@ -35,7 +35,7 @@ class AllActive:
         """No counters."""
 
     def reactivate(self) -> None:
-        """All are awake."""
+        """All particles are active."""
 
     def state(self) -> dict:
         """No state."""

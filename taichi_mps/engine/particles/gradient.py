@@ -35,7 +35,7 @@ class Gradient:
         self.dimension, self.tensors = d, particles.tensor_dimension
         self.axisymmetric, self.spacing = particles.axisymmetric, spacing
         self.n0, self.weight, self.packing_kernel = lattice.n0, lattice.weight, lattice.packing_kernel
-        self.full, self.at_surface = lattice.neighbours, lattice.surface_normal
+        self.lattice_neighbours, self.at_surface = lattice.neighbours, lattice.surface_normal
         self.full_packing = lattice.packing
         self.effective_radius = neighbors.bins.radius - neighbors.skin
         # (w/r^2) r_ij [1/m] and w/r^2 [1/m2] of each pair; of rings times the circle half-way between them over l0
@@ -49,13 +49,13 @@ class Gradient:
         self.neighbour_count = ti.field(real(), particles.capacity)  # neighbours, those behind walls included [-]
         if self.axisymmetric:
             self.ratio = ti.field(real(), particles.capacity)  # cross-section of the ring over l0^2 [-]
-            self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress that was spread last [N]
+            self.hoop = ti.field(real(), particles.capacity)  # V T_33/r of the stress of the last flux [N]
             ratios = MAX_RING_RATIO / ENTRIES * np.arange(1, ENTRIES + 1)
             self.ring_sums = ring_table(spacing, self.effective_radius, ratios, self.weight)
             # n0 and packing [-] of a lattice with these ratios
             (self.lattices,) = constant_fields(self.ring_sums, vectors=True)
         ratios = {"ratio": self.ratio} if self.axisymmetric else {}
-        self.rows = FieldIO({"n": self.n, **ratios}, particles.capacity)
+        self.field_io = FieldIO({"n": self.n, **ratios}, particles.capacity)
 
     @ti.func
     def cross_section_ratio(self, i):
@@ -94,14 +94,14 @@ class Gradient:
         """Whether particle i has a full neighbourhood. In three dimensions the number of neighbours does not tell: a
         lattice has 32, disordered particles as dense have 37. The surface normal of rings, which points to thinner
         ones, is not used."""
-        enclosed = self.neighbour_count[i] >= 0.9 * self.full
+        enclosed = self.neighbour_count[i] >= 0.9 * self.lattice_neighbours
         if ti.static(not self.axisymmetric):
             enclosed = enclosed and self.surface_normal[i].norm() < ENCLOSED
         return enclosed
 
     def density_ratio(self) -> np.ndarray:
         """Particle number density over that of a lattice [-], (n,); of rings over a lattice as thin as they."""
-        rows = self.rows.read(self.particles.count[None])
+        rows = self.field_io.read(self.particles.count[None])
         if not self.axisymmetric:
             return rows["n"] / self.n0
         ratio, ratios = rows["ratio"], MAX_RING_RATIO / ENTRIES * np.arange(1, ENTRIES + 1)
@@ -204,14 +204,14 @@ class Gradient:
         return b.dot(b) / ti.max(self.weight_r2[k], 1e-30)
 
     @ti.func
-    def slope(self, i, u: ti.template(), motion):
+    def slope(self, i, u: ti.template(), wall_motion):
         """sum_j (u_j - u_i) (x) b_ij [1/s], walls included."""
         H = ti.Matrix.zero(float, self.dimension, self.dimension)
         ui = u[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             H += (u[self.neighbors.column[k]] - ui).outer_product(self.b[k])
         if ti.static(len(self.walls.surfaces) > 0):
-            H += self.walls.gradient_term(i, self.particles.x[i], ui, motion, self.cross_section_ratio(i))
+            H += self.walls.gradient_term(i, self.particles.x[i], ui, wall_motion, self.cross_section_ratio(i))
         return H
 
     @ti.func
@@ -233,9 +233,9 @@ class Gradient:
         return block
 
     @ti.func
-    def velocity_gradient(self, i, u: ti.template(), motion):
-        """G_i = du_a/dx_b [1/s] of the vector field u; ``motion`` 1 counts the walls' own velocity, 0 does not."""
-        return self.tensor(i, self.slope(i, u, motion) @ self.B[i], u)
+    def velocity_gradient(self, i, u: ti.template(), wall_motion):
+        """G_i = du_a/dx_b [1/s] of the vector field u; ``wall_motion`` 1 counts the walls' own velocity, 0 does not."""
+        return self.tensor(i, self.slope(i, u, wall_motion) @ self.B[i], u)
 
     @ti.func
     def curvature_correction(self, i):
@@ -248,19 +248,19 @@ class Gradient:
         return G
 
     @ti.func
-    def fit(self, i, u: ti.template(), motion):
+    def fit(self, i, u: ti.template(), wall_motion):
         """Velocity gradient G_i and residual of the linear fit, (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]."""
-        H = self.slope(i, u, motion)
+        H = self.slope(i, u, wall_motion)
         square = ti.cast(0.0, float)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             square += self.weight_r2[k] * (u[self.neighbors.column[k]] - u[i]).norm_sqr()
         if ti.static(len(self.walls.surfaces) > 0):
-            square += self.walls.drag_term(i, self.particles.x[i], u[i], motion)[1]
+            square += self.walls.drag_term(i, self.particles.x[i], u[i], wall_motion)[1]
         G = H @ self.B[i]
         return self.tensor(i, G, u), ti.max(0.0, square - (G * H).sum()) / self.full_weight(i)
 
     @ti.func
-    def spread_stress(self, i, T):
+    def stress_flux(self, i, T):
         """Flux matrix P_i = V_i T_i B_i [N m] of the stress T [Pa] of i; keeps its hoop force for PairSums.force."""
         if ti.static(self.axisymmetric):
             carries = ti.cast(self.B[i][0, 0] > 0.0, float)

@@ -72,8 +72,10 @@ def lattice_sums(
     r, height = r[near], points[near, 0]
     w = weight(r / effective_radius)
     lam, surface_normal = (w * r * r).sum() / w.sum(), 0.5 * (w * np.abs(height) / r).sum()
-    crowd = 1.0 + packing_kernel(r / effective_radius).sum()
-    return LatticeSums(float(w.sum()), float(lam), len(r), float(surface_normal), float(crowd), weight, packing_kernel)
+    packing = 1.0 + packing_kernel(r / effective_radius).sum()
+    return LatticeSums(
+        float(w.sum()), float(lam), len(r), float(surface_normal), float(packing), weight, packing_kernel
+    )
 
 
 def ring_table(spacing: float, effective_radius: float, ratios, weight: Callable = mps_weight) -> np.ndarray:

@@ -54,7 +54,7 @@ class Bins:
         self.cells = int(np.prod(shape))
         vector = ti.types.vector(self.dimension, ti.f64)
         self.low, self.cell_size, self.size = vector(low), vector(size / shape), vector(size)
-        self.cell_start = ti.field(ti.i32, self.cells + 2)  # first row of each cell; one more of what is aside
+        self.cell_start = ti.field(ti.i32, self.cells + 2)  # first row of each cell; one more of what is excluded
         self.cell_of = ti.field(ti.i32, particles.capacity)  # linear cell of each row
         self._fill = ti.field(ti.i32, self.cells + 2)  # rows already put into each cell
         self.lost = ti.field(ti.i32, ())  # particles outside the domain or not finite
@@ -81,7 +81,7 @@ class Bins:
 
     @stage("reorder")
     def arrange(self):
-        """Put the rows into the order (cell, id), what is set aside behind them, and count lost particles."""
+        """Put the rows into the order (cell, id), what is excluded behind them, and count lost particles."""
         self.lost[None] = 0
         for k in range(self.cells + 2):
             self.cell_start[k], self._fill[k] = 0, 0

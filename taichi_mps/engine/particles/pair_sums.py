@@ -17,7 +17,7 @@ class PairSums:
         self.particles, self.gradient, self.walls = particles, gradient, walls
         self.neighbors, self.dimension = gradient.neighbors, d
         lanes = self.lanes = 4 if d == 3 else d
-        self.motion = ti.Vector.field(lanes, real(), particles.capacity)  # velocity whose differences are summed [m/s]
+        self.velocity = ti.Vector.field(lanes, real(), particles.capacity)  # whose differences are summed [m/s]
         self.pair_drag = ti.field(real(), self.neighbors.pair_capacity)  # (h_i + h_j) w/r^2 of each pair [kg/s]
         # sums over pairs of u_j - u_i: d rows of its slopes [1/s], one of the drag [N]
         self.difference_sums = ti.Matrix.field(d + 1, lanes, real(), particles.capacity)
@@ -25,29 +25,29 @@ class PairSums:
         self.flux_sums = ti.Matrix.field(d, lanes, real(), particles.capacity)  # sums of fluxes, by axis [N]
 
     @ti.func
-    def set_motion(self, i, u):
+    def set_velocity(self, i, u):
         """Put the velocity u [m/s] of particle i where its neighbours see it."""
         for a in ti.static(range(self.dimension)):
-            self.motion[i][a] = u[a]
+            self.velocity[i][a] = u[a]
 
     @ti.func
     def gather_differences(self, u: ti.template()):
         """``difference_sums`` of the velocity u: walls not included."""
         for i in range(self.particles.count[None]):
-            self.set_motion(i, u[i])
+            self.set_velocity(i, u[i])
         for i in range(self.particles.count[None]):
             self.gather_difference(i)
 
     @ti.func
     def gather_difference(self, i):
-        """``difference_sums`` of particle i and its ``motion``: the transpose of sum_j (u_j - u_i) (x) b_ij; drag."""
+        """``difference_sums`` of particle i and its ``velocity``: the transpose of sum_j (u_j - u_i) (x) b_ij; drag."""
         sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
-        ui = self.motion[i]
+        ui = self.velocity[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if j < 0:  # never: the way out of the loop
                 break
-            difference, b, drag = self.motion[j] - ui, self.gradient.b[k], self.pair_drag[k]
+            difference, b, drag = self.velocity[j] - ui, self.gradient.b[k], self.pair_drag[k]
             for c, a in ti.static(ti.ndrange(self.dimension, self.lanes)):
                 sums[c, a] += difference[a] * b[c]
             for a in ti.static(range(self.lanes)):
@@ -69,13 +69,15 @@ class PairSums:
         self.flux_sums[i] = sums
 
     @ti.func
-    def velocity_gradient(self, i, u: ti.template(), motion):
+    def velocity_gradient(self, i, u: ti.template(), wall_motion):
         """du_a/dx_b [1/s] of the velocity u at i, as Gradient.velocity_gradient, from gathered differences."""
         H = ti.Matrix.zero(float, self.dimension, self.dimension)
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             H[a, c] = self.difference_sums[i][c, a]
         if ti.static(len(self.walls.surfaces) > 0):
-            H += self.walls.gradient_term(i, self.particles.x[i], u[i], motion, self.gradient.cross_section_ratio(i))
+            H += self.walls.gradient_term(
+                i, self.particles.x[i], u[i], wall_motion, self.gradient.cross_section_ratio(i)
+            )
         return self.gradient.tensor(i, H @ self.gradient.B[i], u)
 
     @ti.func

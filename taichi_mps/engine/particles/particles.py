@@ -81,14 +81,14 @@ class Particles:
         all_but_x = [field for pair in self.buffers if pair[0] is not self.x for field in pair]
         for field in (*all_but_x, self.source_row):
             ti.root.dense(ti.i, self.capacity).place(field)
-        self.rows = FieldIO(self.carried, self.capacity)
+        self.field_io = FieldIO(self.carried, self.capacity)
         self.load({**start, "id": np.arange(n)} | ({"ring": volumes} if axisymmetric else {}))
 
     def load(self, state: dict) -> None:
         """Put arrays (n, ...) into the fields; what is not named becomes zero."""
         self.restore_all()
         self.count[None] = len(state["x"])
-        self.rows.load(state, len(state["x"]))
+        self.field_io.load(state, len(state["x"]))
 
     @property
     def number(self) -> int:
@@ -98,7 +98,7 @@ class Particles:
     def read(self) -> dict[str, np.ndarray]:
         """All carried fields (n, ...), in the order of the rows."""
         self.restore_all()
-        return self.rows.read(self.count[None])
+        return self.field_io.read(self.count[None])
 
     def append(self, positions, velocity, mix: int = 0, structure: float = 0.0) -> None:
         """Add fluid particles of a mix and a structure at positions (m, d) [m] with a velocity (d,) [m/s]; their

@@ -278,6 +278,6 @@ def buried(layer: np.ndarray, x: np.ndarray, spacing: float) -> bool:
     bool
         True where two are nearer than 0.6 spacings.
     """
-    reach = MIN_GAP * spacing
-    near = x[np.all((x > layer.min(0) - reach) & (x < layer.max(0) + reach), axis=1)]
-    return bool(np.any(((near[:, None, :] - layer[None]) ** 2).sum(-1) < reach**2))
+    gap = MIN_GAP * spacing
+    near = x[np.all((x > layer.min(0) - gap) & (x < layer.max(0) + gap), axis=1)]
+    return bool(np.any(((near[:, None, :] - layer[None]) ** 2).sum(-1) < gap**2))

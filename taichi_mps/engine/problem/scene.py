@@ -10,9 +10,9 @@ from pydantic import InstanceOf
 
 from ...units import Duration, Size, array, instance, points, validated, vector
 from ..geometry.cavity import Cavity
-from ..geometry.in_time import TimeDependent, table_of_time
 from ..geometry.shapes import Cone
 from ..geometry.solid import Solid
+from ..geometry.time_dependent import TimeDependent, table_of_time
 from ..geometry.walls import Cylinder, Plane
 from .grains import Grains
 from .inlet import MIN_GAP, Inlet, buried

@@ -31,7 +31,7 @@ import time
 from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
-from .thread_team import Block, Lanes, ThreadTeam, enter
+from .thread_team import Block, GPUThreads, ThreadTeam, enter
 from .workarounds import graph_kernel, less_optimised
 
 OPTIMISED_FROM_ROWS = 1000
@@ -54,8 +54,8 @@ def one_thread(rows: int) -> bool:
 class Call:
     """Call of a stage with its objects, as a part of a kernel whose arguments are its numbers."""
 
-    def __init__(self, lanes, stage, arguments, slots):
-        self.lanes = lanes.get(stage.kind)  # threads of a GPU that divide its loops among them
+    def __init__(self, gpu_threads, stage, arguments, slots):
+        self.gpu_threads = gpu_threads.get(stage.kind)  # threads of a GPU that divide its loops among them
         self.stage, self.arguments, self.slots = stage, arguments, slots  # slots: of numbers, None for objects
 
     def __call__(self, iteration, numbers):
@@ -89,10 +89,10 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
                     call(iteration, numbers)
         else:
             for call in ti.static(calls):
-                if ti.static(bool(call.lanes)):
-                    ti.loop_config(block_dim=call.lanes.in_a_block)
-                    for lane in range(call.lanes.size):
-                        enter(call.lanes, lane)
+                if ti.static(bool(call.gpu_threads)):
+                    ti.loop_config(block_dim=call.gpu_threads.in_a_block)
+                    for thread in range(call.gpu_threads.size):
+                        enter(call.gpu_threads, thread)
                         call(0, numbers)
                 else:
                     enter(None, 0)
@@ -107,8 +107,8 @@ class Execution:
     def __init__(self, rows: int, timed: bool = False, team: ThreadTeam | None = None):
         self.rows, self.timed, self._team = rows, timed, team
         self.fuses = started()["arch"] == "cpu" and rows < ONE_THREAD_BELOW_ROWS
-        gpu = {"loop": Lanes(rows)} if started()["arch"] != "cpu" else {}
-        self._lanes = gpu | ({"block": Block()} if started()["arch"] == "cuda" else {})
+        gpu = {"loop": GPUThreads(rows)} if started()["arch"] != "cpu" else {}
+        self._gpu_threads = gpu | ({"block": Block()} if started()["arch"] == "cuda" else {})
         self.spent: dict[str, list] = {}  # wall seconds and calls of each stage, or iterations of a solve
         self._kernels: dict = {}  # by the keys of their calls
         self._waiting: list[tuple] = []  # stages and arguments of the next kernel
@@ -130,7 +130,7 @@ class Execution:
         """Launch a stage, or queue it for the next kernel."""
         if self.timed and not self._timing:
             return self._timed_launch(stage, arguments)
-        if not self.timed and (self.fuses or stage.kind in ("kernel", "loop", *self._lanes)):
+        if not self.timed and (self.fuses or stage.kind in ("kernel", "loop", *self._gpu_threads)):
             return self._waiting.append((stage, arguments))
         return stage.launch(self, arguments)
 
@@ -190,7 +190,7 @@ class Execution:
         if not made or (left and alone and whole > 1):
             raise ValueError(f"stage {left[0][0].name}: more than {MAX_NUMBERS} numbers for one kernel")
         if key not in self._kernels:
-            self._kernels[key] = kernel_of([Call(self._lanes, *call) for call in made], alone, team)
+            self._kernels[key] = kernel_of([Call(self._gpu_threads, *call) for call in made], alone, team)
         self._kernels[key](whole, *map(float, numbers), *[0.0] * (MAX_NUMBERS - len(numbers)))
         return left
 

@@ -2,20 +2,20 @@
 
 from .backend import started, ti
 
-GPU_LANES = 8192  # threads of a GPU among which the rows of a sum are divided
+GPU_THREADS = 8192  # threads of a GPU among which the rows of a sum are divided
 CHUNK = 512  # numbers that one thread of a GPU adds in order
 
 
-def lanes() -> int:
+def sum_threads() -> int:
     """Number of threads among which the rows of a sum are divided: 1 on the processor, where rows are added in
     order."""
-    return 1 if started()["arch"] == "cpu" else GPU_LANES
+    return 1 if started()["arch"] == "cpu" else GPU_THREADS
 
 
 @ti.func
 def running_sums(counts: ti.template(), n):
     """counts[k + 1] += counts[k] for k = 0 to n - 1, in this order."""
-    if ti.static(lanes() == 1):
+    if ti.static(sum_threads() == 1):
         ti.loop_config(serialize=True)
         for k in range(n):
             counts[k + 1] += counts[k]

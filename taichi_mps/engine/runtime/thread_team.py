@@ -138,7 +138,7 @@ class ThreadTeam:
 
 
 @ti.data_oriented
-class Lanes:
+class GPUThreads:
     """Threads of a GPU that divide each loop among them: the members of a team of ``size``."""
 
     in_a_block = 128
@@ -147,20 +147,20 @@ class Lanes:
         self.size = size
 
     @ti.func
-    def first_iteration(self, lane, n):
-        return ti.min(n, lane * ((n + self.size - 1) // self.size))
+    def first_iteration(self, thread, n):
+        return ti.min(n, thread * ((n + self.size - 1) // self.size))
 
     @ti.func
-    def last_iteration(self, lane, n):
-        return self.first_iteration(lane + 1, n)
+    def last_iteration(self, thread, n):
+        return self.first_iteration(thread + 1, n)
 
     @ti.func
-    def barrier(self, _lane, _ends_round: ti.template()):
+    def barrier(self, _thread, _ends_round: ti.template()):
         """No-op: the next loop is started after this one."""
 
 
 @ti.data_oriented
-class Block(Lanes):
+class Block(GPUThreads):
     """One block of threads of a GPU, which wait for each other."""
 
     in_a_block = 1024
@@ -169,7 +169,7 @@ class Block(Lanes):
         super().__init__(self.in_a_block)
 
     @ti.func
-    def barrier(self, _lane, _ends_round: ti.template()):
+    def barrier(self, _thread, _ends_round: ti.template()):
         ti.simt.block.sync()
 
 

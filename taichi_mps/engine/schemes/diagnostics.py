@@ -11,7 +11,7 @@ from ..linear.pcg import FAILED, STATUS
 from ..particles.particles import FLUID
 from ..runtime.backend import ti
 from ..runtime.stages import flush
-from ..runtime.sums import lanes
+from ..runtime.sums import sum_threads
 from .step_report import StepReport
 
 SPEED2_IF_NOT_FINITE = 1e12  # squared speed [m2/s2] that replaces one that is not finite
@@ -33,7 +33,7 @@ class Diagnostics:
         self.particles, self.gradient, self.material = fluid.particles, fluid.gradient, material
         self.yielded, self.solver, self.iterations, self.residuals = yielded, solver, iterations, residuals
         self.frame = fluid.frame  # (problem.py) [m/s]
-        self.accelerates, self.lanes = "a" in fluid.particles.carried, lanes()
+        self.accelerates, self.threads = "a" in fluid.particles.carried, sum_threads()
         self.nearly_all = 0.9 * fluid.lattice.neighbours
         # sums, iterations of the step, of the last solve (r, z) over its reference and its status, residuals
         self.numbers = np.zeros(SUMS + SOLVE + RESIDUALS)
@@ -97,11 +97,11 @@ class Diagnostics:
 
     @ti.kernel
     def _add(self, sums: ti.types.ndarray(ti.f64, 1)):
-        ti.loop_config(serialize=self.lanes == 1)
-        for lane in range(self.lanes):
+        ti.loop_config(serialize=self.threads == 1)
+        for thread in range(self.threads):
             lane_sums = ti.Vector.zero(ti.f64, SUMS)
-            for k in range((self.particles.count[None] - lane + self.lanes - 1) // self.lanes):
-                i = lane + k * self.lanes
+            for k in range((self.particles.count[None] - thread + self.threads - 1) // self.threads):
+                i = thread + k * self.threads
                 if self.particles.kind[i] == FLUID:
                     volume = ti.cast(self.particles.volume(i), ti.f64)
                     u2 = ti.cast(self.particles.u[i].norm_sqr(), ti.f64)

@@ -27,7 +27,7 @@ from ..terms.shifting import RELAXATION_SHIFTS, Shifting, is_uneven
 from ..terms.standstill import Standstill
 from ..terms.strain_rate import SolvedRate, StrainRate
 from ..terms.stress import Stress
-from ..terms.wall_loads import WallFriction, WallLoads
+from ..terms.wall_forces import WallFriction, WallLoads
 from ..terms.wall_stress import WallStress, no_force
 from .diagnostics import Diagnostics
 from .scheme import Scheme
@@ -95,7 +95,7 @@ class ImplicitScheme(Scheme):
         # friction is found together with the stress
         self.viscous_iterations = 0 if walls.have_friction else VISCOUS_ITERATIONS
         self.first = True  # whether the next step is the first one, or that of a jolt
-        self.rows = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, fluid.particles.capacity)
+        self.field_io = FieldIO({"yielded": self.stress.yielded, "p": self.pressure.p}, fluid.particles.capacity)
         self.diagnostics = Diagnostics(
             fluid, self.constants, self.stress.yielded, self.velocity.solver, self.velocity.iterations, self.residuals
         )

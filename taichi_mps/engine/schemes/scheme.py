@@ -66,7 +66,7 @@ class Scheme:
 
     def fields_to_read(self, count: int) -> dict:
         """Arrays (count, ...) of the first rows that a snapshot shows besides what the particles carry."""
-        return self.rows.read(count)
+        return self.field_io.read(count)
 
 
 class Fluid:

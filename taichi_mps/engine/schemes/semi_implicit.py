@@ -31,7 +31,7 @@ class SemiImplicitScheme(Scheme):
         self.shifting = NoOp("compute", "shift_particles") if literal else Shifting(self.fluid, shifts_in_tension=False)
         self.largest_viscosity = 0.0  # of the last step [Pa s]; 0 before the first one
         yielded, solver = self.viscosity.yielded, self.pressure.solver
-        self.rows = FieldIO({"yielded": yielded}, self.fluid.particles.capacity)
+        self.field_io = FieldIO({"yielded": yielded}, self.fluid.particles.capacity)
         self.diagnostics = Diagnostics(self.fluid, self.viscosity, yielded, solver, solver.iterations)
 
     def step(self, dt: float, is_read: bool = False):

@@ -64,7 +64,7 @@ class Frame:
         return found | load_results(whole, self.scene.mirrors, self.scene.axisymmetric)
 
 
-def interpolate(earlier: Frame, later: Frame, time: float) -> Frame:
+def frame_between(earlier: Frame, later: Frame, time: float) -> Frame:
     """Interpolate two frames at a ``time`` [s]: places and velocities on a line, all else as of the later one.
 
     Particles that came in since the earlier one have moved at their present velocity.

@@ -58,7 +58,7 @@ class Rest:
         sqrt(H/g). Always False for a mix without true yield stress, and before the last change of gravity and walls."""
         if not sim.problem.rests:
             return False
-        if self.remaining_path(sim) > NEGLIGIBLE_PATH * sim.problem.height or pushed(sim):
+        if self.remaining_path(sim) > NEGLIGIBLE_PATH * sim.problem.height or touches_moving_wall(sim):
             self.since = None
         elif self.since is None:
             self.since = sim.time
@@ -86,7 +86,7 @@ class Rest:
         return sim.time + max(self.fold, sim.time - self.at) * max(0.0, math.log(left)) + pause
 
 
-def pushed(sim) -> bool:
+def touches_moving_wall(sim) -> bool:
     """Whether a moving wall touches the fluid: a body in a mould is at rest only after the mould is gone."""
     walls = [
         wall

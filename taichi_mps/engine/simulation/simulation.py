@@ -22,7 +22,7 @@ from ..schemes.semi_implicit import SemiImplicitScheme
 from ..schemes.step_report import DivergedError, DomainError, StepReport
 from ..terms.rheology import OwnLaw
 from .facts import facts_of, judge
-from .frame import Frame, interpolate
+from .frame import Frame, frame_between
 from .grain_state import GrainState
 from .memory import pairs_of, require_memory
 from .pouring import Pouring
@@ -148,9 +148,9 @@ class Simulation:
         worst = max(self.report.volume_error_max if self.report else 0.0, is_known * abs(report.volume_error))
         self.report = replace(report, step=self.steps, time=self.time, dt_limit=limit, volume_error_max=worst)
         self._require_sound()
-        if self.all_active or report.moving_speed > 0.0:  # a step in which all was set aside tells nothing
+        if self.all_active or report.moving_speed > 0.0:  # a step without active particles tells nothing
             self.rest.observe(report.moving_speed, self.time)
-        self.rest.reached(self)  # which notes since when
+        self._rests = self.rest.reached(self)  # once a step: it notes since when, and may read particles
         self._count_seconds(cpu)
         return self.report
 
@@ -396,14 +396,13 @@ class Simulation:
             on_time = abs(self.time - number * interval) < INSTANT
             schedule[2] = max(number, done)
             if number > done and (done >= 0 or on_time):
-                callback(now if on_time else interpolate(self._last_frame, now, number * interval))
+                callback(now if on_time else frame_between(self._last_frame, now, number * interval))
             if last and not on_time:
                 callback(now)
         self._last_frame = now if self._passed is None else self._last_frame
 
     def _why_stop(self, until) -> str | None:
         unyielded, at_rest = self.numerics.unyielded_stop, self.scene.stop_at_rest
-        rests = at_rest and unyielded is None and self.rest.reached(self)  # asked after each step: it notes since when
         reasons = {
             "interrupted": self._interrupted,
             "time": self.time >= until - INSTANT and self.all_active,
@@ -411,7 +410,11 @@ class Simulation:
             and unyielded
             and self.time > max(0.05, self.scene.last_change)
             and self.report.unyielded_fraction >= unyielded,
-            "rest": rests and all(pouring.done for pouring in self.pouring) and self.all_active,
+            "rest": at_rest
+            and unyielded is None
+            and self._rests
+            and all(pouring.done for pouring in self.pouring)
+            and self.all_active,
         }
         return next((reason for reason, holds in reasons.items() if holds), None)
 
@@ -428,7 +431,7 @@ class Simulation:
         now = snapshot(self)
         if self._passed is not None:
             before, now = of_state(self._before, now.spacing), replace(now, time=self._time)
-            now = interpolate(Frame(self.scene, before), Frame(self.scene, now), self._passed).state
+            now = frame_between(Frame(self.scene, before), Frame(self.scene, now), self._passed).state
         return now
 
     def measures(self) -> dict[str, float]:

@@ -14,20 +14,20 @@ MIX_FIELDS = {
     "tau_y": "yield stress [Pa]",
     "pi_c": "critical strain rate [1/s]",
     "friction": "tangent of the angle of internal friction [-]",
-    "inertial": "hourglass resistance of a thin fluid [Pa s]",
+    "inertial_viscosity": "hourglass resistance of a low-viscosity fluid [Pa s]",
     "mu_r": "penalty that ties the strain rate to the yield law [Pa s]",
 }
 SCENE_FIELDS = {
     "layer_pressure": "pressure of half a layer of particles [Pa]",
     "min_bond_rate": "rate of the bonds below which their resistance stops growing, in a natural step [1/s]",
     "reference_force": "force density that errors of the solve are compared with [N/m3]",
-    "own_step": "natural step (time_step.py) in a field [s]",
+    "natural_step": "natural step (time_step.py) in a field [s]",
     "early_max_reduction": "part of its first residual at which a solve before the last ends [-]",
     "max_divergence": "largest divergence that is imposed [1/s]",
     "bulk": "K [Pa s]",
 }
 
-INERTIAL = 0.5  # hourglass modes of a thin fluid decay within about two natural steps: h += 0.5 rho l0^2/step
+INERTIAL = 0.5  # hourglass modes of a low-viscosity fluid decay within about two natural steps: h += 0.5 rho l0^2/step
 # Over sqrt(a/l0), a = g + U^2/H: rate of the bonds below which the hourglass resistance of a yield-stress fluid stops
 # growing; slower motion that the gradient does not see creeps at a rate that no yield stress stops
 MIN_BOND_RATE = 3.5e-3
@@ -86,8 +86,8 @@ class Constants:
         changing = bool(scene.gravity_in_time or scene.jolts)
         # along a periodic axis nothing holds a weight
         unsupported = np.any((changing | (scene.gravity_vector != 0.0)) & np.array(scene.periodic))
-        self.walls_may_hold = may_be_full and not unsupported  # the weight of all of the fluid, whose middle is [m]
-        self.middle = scene.expected.fluid.mean(0).tolist()
+        self.walls_may_bear_weight = may_be_full and not unsupported  # of all of the fluid
+        self.middle = scene.expected.fluid.mean(0).tolist()  # of the fluid [m]
         # by the number of a mix: numbers that its compiled flow curve reads
         self.laws = {k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=()) for k, m in curved}
         self.of_scene += [law.get_member_field(name) for law in self.laws.values() for name in law.keys]
@@ -123,15 +123,15 @@ class Constants:
             "tau_y": [m.yield_value for m in materials],
             "pi_c": [m.critical_strain_rate or 0.0 for m in materials],
             "friction": frictions,
-            "inertial": [INERTIAL * m.density * scene.spacing**2 / step for m in materials],
+            "inertial_viscosity": [INERTIAL * m.density * scene.spacing**2 / step for m in materials],
             "layer_pressure": 0.5 * density * gravity * scene.spacing,
             "min_bond_rate": min_bond_rate,
             "reference_force": density * head / height,
-            "own_step": step,
+            "natural_step": step,
             "early_max_reduction": EARLY_MAX_REDUCTION if rule.falls else 0.0,
             "max_divergence": max(MAX_DIVERGENCE[0] * (gravity / height) ** 0.5, MAX_DIVERGENCE[1] * speed / height),
         }
-        self.stretched = 0.0  # step over the longest of a flow that is not quiet, at least 1, which mu_r and K fit
+        self.step_ratio = 0.0  # step over the longest of a flow that does not vary slowly, at least 1: of mu_r, K
         self.set_time_step(rule.longest)
 
     def deferred_fraction(self, dt: float) -> float:
@@ -142,10 +142,10 @@ class Constants:
     def set_time_step(self, dt: float) -> None:
         """Set mu_r and K for a step of dt [s]: larger in one longer than ``longest``, where less inertia resists the
         imbalance that the iterations leave."""
-        last, self.stretched = self.stretched, max(1.0, dt / self.time_step.longest)
-        if self.stretched == last:
+        last, self.step_ratio = self.step_ratio, max(1.0, dt / self.time_step.longest)
+        if self.step_ratio == last:
             return
-        penalties = [max(viscous, self.stretched * p) for viscous, p in zip(self.viscous, self.plastic, strict=True)]
+        penalties = [max(viscous, self.step_ratio * p) for viscous, p in zip(self.viscous, self.plastic, strict=True)]
         self.values |= {"mu_r": penalties, "bulk": max(self.stiff, VISCOUS_STIFFNESS * max(penalties))}
         flush()
         of_mix, of_scene = ([self.values[name] for name in names] for names in (MIX_FIELDS, SCENE_FIELDS))
@@ -186,7 +186,7 @@ class Constants:
         """Density whose weight the walls of a full closed box hold, whatever flows in it: that of the first mix; 0
         elsewhere [kg/m3]."""
         held = ti.cast(0.0, float)
-        if ti.static(self.walls_may_hold):
+        if ti.static(self.walls_may_bear_weight):
             held = self.density[0] * self.full[None]
         return held
 

@@ -43,7 +43,7 @@ class Contacts(Term):
         self.most = most_contacts(rigid.radii, len(self.walls.surfaces))  # room of each grain
         n = rigid.count * self.most
         self.number = ti.field(ti.i32, rigid.count)
-        self.left_out = ti.field(ti.i32, ())  # times in the step that a contact found no room
+        self.overflow = ti.field(ti.i32, ())  # times in the step that a contact found no room
         # partner: a grain, or -1 - k of wall k; whether it presses, and sticks
         self.partner, self.presses, self.sticks = (ti.field(ti.i32, n) for _ in range(3))
         self.normal, self.slip_force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # -, t [N], m/s
@@ -54,7 +54,7 @@ class Contacts(Term):
         self.old_normal, self.old_slip_force = double_field(n, 3), double_field(n, 3)
         self.kept = [(getattr(self, name), getattr(self, f"old_{name}")) for name in kept]
         self.step = double_field()  # dt [s]
-        self.rows = FieldIO({f"contact_{name}": field for name, (field, _) in zip(kept, self.kept, strict=True)}, n)
+        self.field_io = FieldIO({f"contact_{name}": field for name, (field, _) in zip(kept, self.kept, strict=True)}, n)
         self.partner.fill(NONE)
 
     # ---- finding ---------------------------------------------------------------------------------------------------
@@ -62,7 +62,7 @@ class Contacts(Term):
     def find(self, dt: float):
         """Find the contacts at the present places; those of the step before go on with their forces."""
         for _ in range(1):
-            self.step[None], self.left_out[None] = dt, 0
+            self.step[None], self.overflow[None] = dt, 0
         for c in range(self.rigid.count * self.most):
             for kept, old in ti.static(self.kept):
                 old[c] = kept[c]
@@ -96,9 +96,9 @@ class Contacts(Term):
     def find_wall_contacts(self, g, k: ti.template(), wall: ti.template()):
         """Contacts of grain g with wall k: the point nearest to its particles, and others in other directions."""
         centre, radius, begin = self.rigid.centre[g], self.rigid.radius[g], self.number[g]
-        for turn in range(MAX_WALL_CONTACTS):
+        for n in range(MAX_WALL_CONTACTS):
             least, towards = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
-            if turn == 0 or self.number[g] == begin + turn:
+            if n == 0 or self.number[g] == begin + n:
                 for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
                     distance, point, _velocity = self.nearest_point(wall, centre + self.rigid.arm[m])
                     away = (point - centre).norm()
@@ -143,7 +143,7 @@ class Contacts(Term):
             self.presses[c] = ti.cast(self.force[c] > 0.0 or gap < 0.0, ti.i32)
             self.sticks[c] *= self.presses[c]
         else:
-            self.left_out[None] += 1
+            self.overflow[None] += 1
 
     @ti.func
     def penalty(self, g):
@@ -155,7 +155,7 @@ class Contacts(Term):
 
     def check(self) -> None:
         """Raise CapacityError where a contact of the step found no room."""
-        if self.left_out[None]:
+        if self.overflow[None]:
             raise CapacityError(f"a grain has more contacts than its list of {self.most} holds")
 
     # ---- at a contact ----------------------------------------------------------------------------------------------
@@ -200,7 +200,7 @@ class Contacts(Term):
                 f = self.resisted(c, self.relative_velocity(g, c))
                 force += f
                 torque += self.arm(g, c).cross(f)
-            self.rigid.spread(g, force, torque, y)
+            self.rigid.distribute(g, force, torque, y)
         wait()
 
     @stage("contacts")
@@ -216,7 +216,7 @@ class Contacts(Term):
                     f += self.force[c] * n + self.slip_force[c]
                 force += f
                 torque += self.arm(g, c).cross(f)
-            self.rigid.spread(g, force, torque, b)
+            self.rigid.distribute(g, force, torque, b)
 
     @stage("contacts")
     def update(self, u: ti.template()):
@@ -262,9 +262,9 @@ class Contacts(Term):
     # ---- in checkpoints --------------------------------------------------------------------------------------------
     def state(self) -> dict:
         """Places, motions and contacts of the grains."""
-        return self.rigid.motions.read(self.rigid.count) | self.rows.read(self.rigid.count * self.most)
+        return self.rigid.motions.read(self.rigid.count) | self.field_io.read(self.rigid.count * self.most)
 
     def load_state(self, state: dict) -> None:
         """Load what ``state`` returned."""
         self.rigid.motions.load(state, self.rigid.count)
-        self.rows.load(state, self.rigid.count * self.most)
+        self.field_io.load(state, self.rigid.count * self.most)

@@ -14,8 +14,8 @@ change is small. Whether a particle flows is decided anew every time. What the p
   as soon as one particle is unyielded.
 
 Equation 4 is not in conservation form: Lambda lap u and 2 e grad Lambda cancel only where Lambda is resolved. In a
-sheared film that needs a shear rate that changes by less than about 4 pi_c over l0; above it the gradient of Lambda
-at the edge of the plug feeds itself and the film accelerates without bound (rho g sin = 8 kPa/m, 50 Pa s, 100 Pa,
+sheared layer that needs a shear rate that changes by less than about 4 pi_c over l0; above it the gradient of Lambda
+at the edge of the plug feeds itself and the layer accelerates without bound (rho g sin = 8 kPa/m, 50 Pa s, 100 Pa,
 pi_c = 0.1 1/s, 10 across: 18 times the exact speed after 0.5 s and growing; 20 across: 5 % error).
 """
 

@@ -27,8 +27,8 @@ from .constants import Term
 
 BOND_DISSIPATION = 0.6  # c: bond-associated dissipation gives 1/2 (shear) to 2/3 (along the bond), docs/equations.md
 SETTLING = 2.0  # h >= 2 p dt: what the pressure pushes apart goes no further than to its place in a step
-# Resistance of a thin fluid at rest over that in motion: with less its particles do not settle; and the strain or
-# rotation in a step from which on the fluid is in motion
+# Resistance of a low-viscosity fluid at rest over that in motion: with less its particles do not settle; and the strain
+# or rotation in a step from which on the fluid is in motion
 REST_FACTOR, MOVING_STRAIN = 64.0, 0.002
 HUGE = 1e30  # N s m: no bound
 # at the edge of a plug a quarter of the bonds carry all of this motion: their rate is twice the mean
@@ -42,8 +42,8 @@ class HourglassResistance(Term):
     def __init__(self, fluid, constants, strain_rate, pressure, stress):
         super().__init__(fluid, constants=constants, strain_rate=strain_rate, pressure=pressure, stress=stress)
         self.law, self.in_space = stress.law, self.dimension == 3
-        # resistance of a thin fluid and in all [Pa s], and 2 V/n0 times the latter [N s m]
-        self.thin_viscosity, self.viscosity, self.h = (ti.field(real(), self.capacity) for _ in range(3))
+        # resistance of a low-viscosity fluid and in all [Pa s], and 2 V/n0 times the latter [N s m]
+        self.inertial_viscosity, self.viscosity, self.h = (ti.field(real(), self.capacity) for _ in range(3))
 
     @stage("prepare")
     def set(self, dt: float, first: ti.i32):
@@ -51,36 +51,36 @@ class HourglassResistance(Term):
         know (I8)."""
         for i in range(self.particles.count[None]):
             m = self.constants.mix(i)
-            # Without a yield stress a thin fluid has 64 times as much at rest, less where the velocity gradient strains
-            # or turns it in a step, and no more than elsewhere from 0.002 on and in a full closed box, where nothing
-            # settles
-            thin_viscosity = self.constants.inertial[m]
+            # Without a yield stress a low-viscosity fluid at rest has 64 times as much, less where the velocity
+            # gradient strains or turns it in a step, and no more than elsewhere from 0.002 on and in a full closed box,
+            # where nothing settles
+            inertial_viscosity = self.constants.inertial_viscosity[m]
             if ti.static(self.law == "newtonian"):
                 strain = 2.0**0.5 * self.strain_rate.velocity_gradient(i).norm() * dt
                 rigid_fraction = 1.0 - ti.min(1.0, strain / MOVING_STRAIN)
-                thin_viscosity *= 1.0 + (REST_FACTOR - 1.0) * rigid_fraction**2 * (1 - self.pressure.full[None])
-            h = BOND_DISSIPATION * self.constants.eta[m] + thin_viscosity
+                inertial_viscosity *= 1.0 + (REST_FACTOR - 1.0) * rigid_fraction**2 * (1 - self.pressure.full[None])
+            h = BOND_DISSIPATION * self.constants.eta[m] + inertial_viscosity
             if ti.static(self.law != "newtonian"):  # noqa: SIM102  (a compiled choice stays apart)
                 if first == 0:
                     rate, residual = self.strain_rate.rate[i], self.strain_rate.residual[i]
-                    step_ratio = ti.min(1.0, self.constants.own_step[None] / dt)
+                    step_ratio = ti.min(1.0, self.constants.natural_step[None] / dt)
                     fall = ti.sqrt(step_ratio) if ti.static(self.in_space) else step_ratio
                     min_rate = self.constants.min_bond_rate[None] * fall
                     bond_rate = ti.max(
                         ti.sqrt(rate * rate + 2.0 * BOND_DISSIPATION * PLUG_EDGE_FACTOR * residual), min_rate
                     )
                     if ti.static(self.stress.has_curve):
-                        h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + thin_viscosity
+                        h = BOND_DISSIPATION * self.stress.shear_stress(i, bond_rate) / bond_rate + inertial_viscosity
                     else:
                         h += BOND_DISSIPATION * self.stress.yield_stress(i) / bond_rate
             if ti.static(self.stress.mixes > 1):
-                mu = (h - thin_viscosity) / BOND_DISSIPATION
-                h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + thin_viscosity
+                mu = (h - inertial_viscosity) / BOND_DISSIPATION
+                h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + inertial_viscosity
             if ti.static(self.particles.has_grains):  # noqa: SIM102
                 if not self.particles.in_grain(i):  # only mortar is strained
-                    h = (h - thin_viscosity) / self.stress.rigid.mortar_fraction[i] + thin_viscosity
+                    h = (h - inertial_viscosity) / self.stress.rigid.mortar_fraction[i] + inertial_viscosity
             viscosity = ti.max(h, SETTLING * self.pressure.p[i] * dt)
-            self.thin_viscosity[i], self.viscosity[i] = thin_viscosity, viscosity
+            self.inertial_viscosity[i], self.viscosity[i] = inertial_viscosity, viscosity
             self.h[i] = 2.0 * self.particles.volume(i) * viscosity / self.gradient.full_weight(i)
             if ti.static(self.particles.has_grains):
                 self.h[i] *= 1 - self.stress.rigid.masked[i]
@@ -88,7 +88,7 @@ class HourglassResistance(Term):
     @ti.func
     def flowing(self):
         """Resistance of the first mix where it flows, with the plastic viscosity alone [N s m]."""
-        viscosity = BOND_DISSIPATION * self.constants.eta[0] + self.constants.inertial[0]
+        viscosity = BOND_DISSIPATION * self.constants.eta[0] + self.constants.inertial_viscosity[0]
         return 2.0 * self.particles.volume(0) * viscosity / self.gradient.full_weight(0)
 
 
@@ -110,7 +110,7 @@ class DeferredCorrection(Term):
     def gather(self, fraction: float):
         """Sum the correction over the pairs of all particles at their present velocity; ``fraction`` of it counts."""
         for i in range(self.particles.count[None]):
-            self.pair_sums.set_motion(i, self.particles.u[i])
+            self.pair_sums.set_velocity(i, self.particles.u[i])
         for _ in range(1):
             self.fraction[None], self.max_resistance[None] = fraction, HUGE
             if ti.static(self.averages):  # noqa: SIM102  (a compiled choice stays apart)
@@ -126,13 +126,13 @@ class DeferredCorrection(Term):
     @ti.func
     def gather_bonds(self, i, fraction, max_resistance):
         sums = ti.Matrix.zero(float, self.dimension + 1, self.lanes)
-        ui, Gi, hi = self.pair_sums.motion[i], self.strain_rate.G[i], self.resistance.h[i]
+        ui, Gi, hi = self.pair_sums.velocity[i], self.strain_rate.G[i], self.resistance.h[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
             if j < 0:  # never: the way out of the loop
                 break
             Gj, hj, b, w = self.strain_rate.G[j], self.resistance.h[j], self.gradient.b[k], self.gradient.weight_r2[k]
-            difference, r = self.pair_sums.motion[j] - ui, b / ti.max(w, 1e-12)
+            difference, r = self.pair_sums.velocity[j] - ui, b / ti.max(w, 1e-12)
             h = ti.min(hi * hj / ti.max(hi + hj, 1e-30), max_resistance)
             for a in ti.static(range(self.lanes)):
                 ours, theirs = difference[a], -difference[a]

@@ -1,4 +1,4 @@
-"""The implicit velocity-pressure system: its matrix as two passes over pairs, its diagonal, its right-hand side, its
+"""The implicit velocity-pressure system: its matrix as two loops over pairs, its diagonal, its right-hand side, its
 solution.
 
     (m/dt) u - F[2 mu D'(u) + K div(u) I] - H(u) = (m/dt) u^n + m g + F[-(p + K s) I + stress - 2 mu_r q]
@@ -14,7 +14,7 @@ from ..linear.vectors import Jacobi
 from ..particles.particles import FLUID
 from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush, loop_stage, no_op, sequence, stage
-from ..runtime.sums import lanes
+from ..runtime.sums import sum_threads
 from ..runtime.thread_team import first, last, wait
 from .constants import Term
 
@@ -43,8 +43,8 @@ class MomentumOperator(Term):
         # block Jacobi [s/kg], 0: no unknown; and inertia and walls, for coarse levels [kg/s]
         self.inverse_diagonal, self.local = (ti.Matrix.field(d, d, real(), self.capacity) for _ in range(2))
         self.reference = double_field()  # f . M^-1 f over all particles [W]
-        self.lanes = lanes()
-        self.block = BLOCK if self.lanes == 1 else 1
+        self.threads = sum_threads()
+        self.block = BLOCK if self.threads == 1 else 1
 
     @ti.func
     def unknown(self, i):
@@ -59,21 +59,21 @@ class MomentumOperator(Term):
             self.contacts.constrain(u, y)
 
     @sequence("apply")
-    def multiply_moving(self, u, y, motion: ti.template()):
-        """y = A u [N], zero in wall rows; ``motion`` 1 counts the walls' own velocity, 0 does not."""
-        self.set_motion(u)
-        self.gather_fluxes(u, motion)
-        self.gather_forces(u, y, motion)
+    def multiply_moving(self, u, y, wall_motion: ti.template()):
+        """y = A u [N], zero in wall rows; ``wall_motion`` 1 counts the walls' own velocity, 0 does not."""
+        self.set_velocity(u)
+        self.gather_fluxes(u, wall_motion)
+        self.gather_forces(u, y, wall_motion)
 
     @loop_stage("apply")
-    def set_motion(self, u: ti.template()):
+    def set_velocity(self, u: ti.template()):
         """Put u where the neighbours of each particle see it."""
         for i in range(first(self.count[None]), last(self.count[None])):
-            self.sums.set_motion(i, u[i])
+            self.sums.set_velocity(i, u[i])
         wait()
 
     @loop_stage("apply")
-    def gather_fluxes(self, u: ti.template(), motion: ti.template()):
+    def gather_fluxes(self, u: ti.template(), wall_motion: ti.template()):
         """The flux of each particle."""
         for start in range(first(self.count[None]), last(self.count[None])):
             if start % self.block == 0:
@@ -81,11 +81,11 @@ class MomentumOperator(Term):
                 for i in range(start, end):
                     self.sums.gather_difference(i)
                 for i in range(start, end):
-                    self.set_flux(i, u, motion)
+                    self.set_flux(i, u, wall_motion)
         wait()
 
     @loop_stage("apply")
-    def gather_forces(self, u: ti.template(), y: ti.template(), motion: ti.template()):
+    def gather_forces(self, u: ti.template(), y: ti.template(), wall_motion: ti.template()):
         """y = A u [N] of each particle, once the fluxes are gathered."""
         for start in range(first(self.count[None]), last(self.count[None])):
             if start % self.block == 0:
@@ -93,20 +93,20 @@ class MomentumOperator(Term):
                 for i in range(start, end):
                     self.sums.gather_fluxes(i)
                 for i in range(start, end):
-                    y[i] = self.balance(i, u, motion)
+                    y[i] = self.balance(i, u, wall_motion)
         wait()
 
     @ti.func
-    def set_flux(self, i, u: ti.template(), motion):
+    def set_flux(self, i, u: ti.template(), wall_motion):
         """The flux of particle i, once the differences of u are gathered; zero where it carries no stress, for B is."""
-        G = self.sums.velocity_gradient(i, u, motion)
+        G = self.sums.velocity_gradient(i, u, wall_motion)
         T = self.stress.viscous(i, G)
         T += self.constants.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
-        flux = self.gradient.spread_stress(i, T) - self.resistance.h[i] * self.gradient.in_plane(G)
+        flux = self.gradient.stress_flux(i, T) - self.resistance.h[i] * self.gradient.in_plane(G)
         self.sums.set_flux(i, flux)
 
     @ti.func
-    def balance(self, i, u: ti.template(), motion):
+    def balance(self, i, u: ti.template(), wall_motion):
         """Row i of A u [N], once the fluxes are gathered."""
         row = ti.Vector.zero(float, self.dimension)
         if self.unknown(i):
@@ -114,9 +114,9 @@ class MomentumOperator(Term):
             for a in ti.static(range(self.dimension)):
                 total[a] += self.sums.difference_sums[i][self.dimension, a]
             if ti.static(len(self.walls.surfaces) > 0):
-                total -= self.resistance.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], motion)[0]
+                total -= self.resistance.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], wall_motion)[0]
                 if ti.static(self.walls.have_friction):
-                    total -= self.walls.friction_term(i, self.particles.x[i], u[i], motion)
+                    total -= self.walls.friction_term(i, self.particles.x[i], u[i], wall_motion)
             row = self.particles.volume(i) * self.inertia[i] * u[i] - total
         return row
 
@@ -160,11 +160,11 @@ class MomentumOperator(Term):
     def set_reference(self):
         """Set the norm that the residual of the solve is compared with."""
         self.reference[None] = 0.0
-        ti.loop_config(serialize=self.lanes == 1)
-        for lane in range(self.lanes):
+        ti.loop_config(serialize=self.threads == 1)
+        for thread in range(self.threads):
             total = ti.cast(0.0, ti.f64)
-            for k in range((self.count[None] - lane + self.lanes - 1) // self.lanes):
-                i = lane + k * self.lanes
+            for k in range((self.count[None] - thread + self.threads - 1) // self.threads):
+                i = thread + k * self.threads
                 force = self.constants.reference_force[None] * self.particles.volume(i)
                 total += ti.cast(self.inverse_diagonal[i].trace() * force**2, ti.f64)
             self.reference[None] += total / self.dimension
@@ -248,7 +248,7 @@ class MomentumSource(Term):
                 G = self.gradient.curvature_correction(i)
                 T += self.stress.viscous(i, G) + self.constants.bulk[None] * G.trace() * I
                 flux -= self.operator.resistance.h[i] * G
-            self.sums.set_flux(i, self.gradient.spread_stress(i, T) + flux)
+            self.sums.set_flux(i, self.gradient.stress_flux(i, T) + flux)
             b[i] = force
         for i in range(self.particles.count[None]):
             self.sums.gather_fluxes(i)

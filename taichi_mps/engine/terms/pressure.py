@@ -48,7 +48,7 @@ class Pressure(Term):
         """Pressure [Pa] that the walls of a full closed box bear at particle i: of the first mix at rest, zero in the
         middle; 0 where walls hold no weight."""
         pressure = ti.cast(0.0, float)
-        if ti.static(self.constants.walls_may_hold):
+        if ti.static(self.constants.walls_may_bear_weight):
             height = ti.cast(self.particles.x[i] - ti.Vector(self.constants.middle, ti.f64), float)
             pressure = self.constants.density[0] * ti.cast(self.constants.gravity[None], float).dot(height)
         return pressure
@@ -97,7 +97,7 @@ class Pressure(Term):
     @ti.func
     def has_gap(self, i):
         """1 where particle i has less than three quarters of its neighbours."""
-        return ti.cast(self.gradient.neighbour_count[i] < 0.75 * self.gradient.full, ti.i32)
+        return ti.cast(self.gradient.neighbour_count[i] < 0.75 * self.gradient.lattice_neighbours, ti.i32)
 
     @stage("smooth pressure")
     def find_closed_box(self, may_change: ti.i32, first: ti.i32):
@@ -118,7 +118,7 @@ class Pressure(Term):
                             around += self.has_gap(self.neighbors.column[k])
                         surface += around >= self.dimension
             full = ti.cast(surface == 0 and rows > 10 * gaps, ti.i32)
-            if ti.static(self.constants.walls_may_hold):  # noqa: SIM102  (a compiled choice stays apart)
+            if ti.static(self.constants.walls_may_bear_weight):  # noqa: SIM102  (a compiled choice stays apart)
                 if first == 0 and full != self.full[None]:
                     for i in range(self.particles.count[None]):
                         self.particles.p[i] += (self.full[None] - full) * self.hydrostatic(i)

@@ -29,8 +29,9 @@ class PressurePoisson(Term):
     Source, ``literal``: eq 19, the paper's. The whole density error is removed in one step, so velocities of l0/dt
     times that error appear: in a pool of 50 Pa s at rest 0.4 m/s and 1.6-4.8 rho g h of pressure error after 0.8 s.
     Else mixed (S4): lap P = (rho/dt) div u* - gamma (rho/dt^2) (n* - n0)/n0, gamma = min(0.2, dt 200 1/s): MPS-Basic's
-    fifth in its step of a millisecond, and at the same rate in shorter ones, of which a film may need a hundred times
-    as many. (Tanaka, Masunaga, Journal of Computational Physics 229 (2010), 4279-4290, with a gamma of each step.)
+    fifth in its step of a millisecond, and at the same rate in shorter ones, of which a thin layer may
+    need a hundred times as many. (Tanaka, Masunaga, Journal of Computational Physics 229 (2010), 4279-4290, with a
+    gamma of each step.)
 
     Gradient, ``literal``: eq 11 with P_j - P_i, the paper's. It attracts as well as repels: particles clump, n* of a
     pair that meets explodes, and a slump of 100 Pa (l0 = 0.02 m) ends at 0.15 s with either source.

@@ -3,7 +3,7 @@
 from ..particles.particles import FLUID
 from ..runtime.backend import double_field, ti
 from ..runtime.stages import flush, stage
-from ..runtime.sums import lanes
+from ..runtime.sums import sum_threads
 from .constants import Term
 from .rheology import deviator, magnitude
 
@@ -16,7 +16,7 @@ class Residuals(Term):
 
     def __init__(self, fluid, constants, stress, constraint):
         super().__init__(fluid, constants=constants, stress=stress, constraint=constraint)
-        self.lanes, self.sums = lanes(), double_field(components=3)  # V, V (2|D - q|)^2, V (div u - s)^2
+        self.threads, self.sums = sum_threads(), double_field(components=3)  # V, V (2|D - q|)^2, V (div u - s)^2
 
     def read(self) -> list[float]:
         """Read both residuals [-] of the last measurement."""
@@ -34,11 +34,11 @@ class Residuals(Term):
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.sums[None] = ti.Vector.zero(ti.f64, 3)
-        ti.loop_config(serialize=self.lanes == 1)
-        for lane in range(self.lanes):
+        ti.loop_config(serialize=self.threads == 1)
+        for thread in range(self.threads):
             lane_sums = ti.Vector.zero(ti.f64, 3)
-            for k in range((self.particles.count[None] - lane + self.lanes - 1) // self.lanes):
-                i = lane + k * self.lanes
+            for k in range((self.particles.count[None] - thread + self.threads - 1) // self.threads):
+                i = thread + k * self.threads
                 if self.particles.kind[i] == FLUID and self.gradient.B[i][0, 0] > 0.0:
                     volume, departure = ti.cast(self.particles.volume(i), ti.f64), ti.cast(0.0, float)
                     G = self.stress.solved_rate.velocity_gradient(i)

@@ -43,13 +43,13 @@ class Rigid(Term):
             double_field(self.members, 3),
         )  # in the grain, in space [m]
         self.centre, self.velocity, self.spin = (double_field(self.count, 3) for _ in range(3))  # [m, m/s, 1/s]
-        self.turn, self.inverse = (ti.Matrix.field(3, 3, ti.f64, self.count) for _ in range(2))  # R, J^-1 [1/m2]
+        self.rotation, self.inverse = (ti.Matrix.field(3, 3, ti.f64, self.count) for _ in range(2))  # R, J^-1 [1/m2]
         self.mean, self.rate = double_field(self.count, 3), double_field(self.count, 3)  # motion that P finds
         self.radius, self.mass = ti.field(ti.f64, self.count), ti.field(ti.f64, self.count)  # [m, kg]
         self.extra = ti.field(ti.f64, self.count)  # moment of inertia beyond that of its particles as points [kg m2]
         self.mortar_fraction = ti.field(real(), self.capacity)  # f of each particle [-]
         self.masked = ti.field(ti.i32, self.capacity)  # 1 of a particle of a grain that sees no mortar
-        fields = {"centre": self.centre, "velocity": self.velocity, "spin": self.spin, "turn": self.turn}
+        fields = {"centre": self.centre, "velocity": self.velocity, "spin": self.spin, "turn": self.rotation}
         self.motions = FieldIO({f"grain_{name}": field for name, field in fields.items()}, self.count)
         self._place(problem.scene, number, centres, radii)
 
@@ -118,7 +118,7 @@ class Rigid(Term):
         return total, moment
 
     @ti.func
-    def spread(self, g, total, moment, v: ti.template()):
+    def distribute(self, g, total, moment, v: ti.template()):
         """Write P of rows whose sums are ``total`` and ``moment`` into the rows of grain g."""
         mean, rate = total / (self.begin[g + 1] - self.begin[g]), self.inverse[g] @ moment
         for m in range(self.begin[g], self.begin[g + 1]):
@@ -149,7 +149,7 @@ class Rigid(Term):
         """v <- P v."""
         for g in range(first(self.count), last(self.count)):
             total, moment = self.sums(g, v)
-            self.spread(g, total, moment, v)
+            self.distribute(g, total, moment, v)
         wait()
 
     @stage("grains")
@@ -163,9 +163,9 @@ class Rigid(Term):
             s, c = ti.cast(1.0, ti.f64), ti.cast(0.5, ti.f64)
             if angle > 1e-9:
                 s, c = ti.sin(angle) / angle, (1.0 - ti.cos(angle)) / (angle * angle)
-            self.turn[g] = (ti.Matrix.identity(ti.f64, 3) + s * K + c * K @ K) @ self.turn[g]
+            self.rotation[g] = (ti.Matrix.identity(ti.f64, 3) + s * K + c * K @ K) @ self.rotation[g]
         for m in range(self.members):
-            self.arm[m] = self.turn[self.grain_of[m]] @ self.place[m]
+            self.arm[m] = self.rotation[self.grain_of[m]] @ self.place[m]
         for i in range(self.particles.count[None]):
             slot = self.particles.slot[i]
             if slot > 0:

@@ -34,7 +34,7 @@ class Shifting(Term):
         super().__init__(fluid, shifts_in_tension=shifts_in_tension, spacing=fluid.gradient.spacing)
         self.shift = ti.Vector.field(self.dimension, real(), self.capacity)  # displacement [m]
         # tension over the shear stress, 1 at most, times the part of what is viscous in the hourglass resistance [-]
-        self.stretched = ti.field(real(), self.capacity)
+        self.relative_tension = ti.field(real(), self.capacity)
         if shifts_in_tension:
             self.tension = ti.field(real(), self.capacity)  # part of the shift that tension calls for [-]
             self.mean = ti.Vector.field(self.dimension, real(), self.capacity)  # mean shift of neighbours [m]
@@ -42,20 +42,21 @@ class Shifting(Term):
     @stage("prepare")
     def set_tension(self, dt: float, resistance: ti.template(), pressure: ti.template(), stress: ti.template()):
         """Part of the shift that tension calls for in a step of dt [s]. Without a yield stress min(1, 60 (-p) dt/h)
-        (h_0/h)^2 of the shift, none beside a surface; h is the hourglass ``resistance``, h_0 that of a thin fluid [Pa
-        s]: what is viscous would lose angular momentum by it. A yield stress holds particles in their places."""
+        (h_0/h)^2 of the shift, none beside a surface; h is the hourglass ``resistance`` [Pa s], h_0 that of a
+        low-viscosity fluid: what is viscous would lose angular momentum by it. A yield stress holds particles in their
+        places."""
         for i in range(self.particles.count[None]):
-            thin_viscosity, viscosity = resistance.thin_viscosity[i], resistance.viscosity[i]
+            inertial_viscosity, viscosity = resistance.inertial_viscosity[i], resistance.viscosity[i]
             if ti.static(self.shifts_in_tension):
                 fraction = ti.cast(0.0, float)
-                if self.gradient.neighbour_count[i] >= INTERIOR * self.gradient.full:
+                if self.gradient.neighbour_count[i] >= INTERIOR * self.gradient.lattice_neighbours:
                     pulled = -TENSION_FACTOR * self.particles.p[i] * dt / viscosity
-                    fraction = ti.max(0.0, ti.min(1.0, pulled)) * (thin_viscosity / viscosity) ** 2
+                    fraction = ti.max(0.0, ti.min(1.0, pulled)) * (inertial_viscosity / viscosity) ** 2
                 self.tension[i] = fraction
             tension = 1.0 - pressure.p[i] / ti.max(stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9)
             # a full closed box is kept out of tension
-            viscous = (1.0 - thin_viscosity / viscosity) * (1 - pressure.full[None])
-            self.stretched[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
+            viscous = (1.0 - inertial_viscosity / viscosity) * (1 - pressure.full[None])
+            self.relative_tension[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
 
     @ti.func
     def correction_fraction(self, i, dt, strain):
@@ -97,13 +98,13 @@ class Shifting(Term):
                 if ti.static(self.shifts_in_tension):
                     perturbation *= ti.min(1.0, deforming / ti.max(self.tension[i], 1e-12))
                     fraction = ti.max(deforming, self.tension[i])
-                spreading = SHIFT_COEFFICIENT + (TENSION_SHIFT_COEFFICIENT - SHIFT_COEFFICIENT) * self.stretched[i]
-                move = -spreading * l0 * repulsion + PERTURBATION * l0 * perturbation
+                more = (TENSION_SHIFT_COEFFICIENT - SHIFT_COEFFICIENT) * self.relative_tension[i]
+                move = -(SHIFT_COEFFICIENT + more) * l0 * repulsion + PERTURBATION * l0 * perturbation
                 inward = self.gradient.surface_normal[i]
                 outward = -inward / ti.max(inward.norm(), 1e-12)
-                if self.gradient.neighbour_count[i] < INTERIOR * self.gradient.full:
+                if self.gradient.neighbour_count[i] < INTERIOR * self.gradient.lattice_neighbours:
                     move -= ti.max(move.dot(outward), 0.0) * outward
-                if self.gradient.neighbour_count[i] < 0.5 * self.gradient.full:
+                if self.gradient.neighbour_count[i] < 0.5 * self.gradient.lattice_neighbours:
                     move *= 0.0
                 move *= fraction
                 self.shift[i] = move * ti.min(1.0, 0.05 * l0 / ti.max(move.norm(), 1e-12)) + deforming * apart

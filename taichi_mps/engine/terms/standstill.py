@@ -28,8 +28,8 @@ class Standstill(Term):
         slow = self.particles.u[i].norm_sqr() < self.max_speed**2 and self.pressure.full[None] == 0
         at_rest = slow and self.particles.kind[i] == FLUID
         for wall in ti.static(self.walls.surfaces):
-            if ti.static(wall.drives):
-                at_rest = at_rest and not wall.drives_near(self.particles.x[i], self.walls.effective_radius, self.ahead)
+            if ti.static(wall.moving):
+                at_rest = at_rest and not wall.moves_near(self.particles.x[i], self.walls.effective_radius, self.ahead)
         return at_rest
 
     @ti.func

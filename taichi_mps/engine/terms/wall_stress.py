@@ -32,7 +32,7 @@ def no_force(i, face: ti.template() = None):
 class WallStress(Term):
     """Stress of the ghosts of no-slip walls, besides that of the particle in front of them.
 
-    In a full vessel each particle in reach of such a wall has a driving force along it, a weight of the excess of shear
+    In a full vessel each particle near such a wall has a driving force along it, a weight of the excess of shear
     stress and a curvature of the velocity, and every particle has a variation of the stress."""
 
     def __init__(self, fluid, constants, strain_rate, pressure, stress):
@@ -156,16 +156,16 @@ class WallStress(Term):
 
     @ti.func
     def touches_wall(self, i):
-        """Whether particle i is in reach of a wall that resists slip."""
-        in_reach = False
+        """Whether particle i is near a wall that resists slip."""
+        touches = False
         for f, _wall in ti.static(self.walls.select_faces(None, "resists_slip")):
-            in_reach = in_reach or self.walls.c[i, f] > 0.0
-        return in_reach
+            touches = touches or self.walls.c[i, f] > 0.0
+        return touches
 
     @ti.func
     def half_layer_stress(self, i):
         """Growth f l0/2 [Pa] of the shear stress over half a layer, f [N/m3] the largest part of the driving force of
-        particle i along a no-slip wall in reach."""
+        particle i along a no-slip wall near it."""
         most = ti.cast(0.0, float)
         for f, wall in ti.static(self.walls.select_faces(None, "no_slip")):
             if self.walls.c[i, f] > 0.0:

@@ -49,9 +49,7 @@ class WallFriction(Term):
         for i in range(self.particles.count[None]):
             B, x, h = self.gradient.B[i], self.particles.x[i], self.resistance.h[i]
             G = self.solved_rate.velocity_gradient(i)
-            flux = self.gradient.spread_stress(i, self.stress.total(i, self.solved_rate)) - h * self.gradient.in_plane(
-                G
-            )
+            flux = self.gradient.stress_flux(i, self.stress.total(i, self.solved_rate)) - h * self.gradient.in_plane(G)
             weight = (
                 self.particles.volume(i) * self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
             )

@@ -89,10 +89,10 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
     tests: dict[tuple, list[int]] = {}  # rows by the names and keywords of their run
     for k, row in enumerate(rows):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
-        told = [(column, row[column]) for column in names]
-        told += [(field, f"{row[column]} {unit * without_unit(row[column])}".strip())
+        of_run = [(column, row[column]) for column in names]
+        of_run += [(field, f"{row[column]} {unit * without_unit(row[column])}".strip())
                  for column, (field, unit) in contents.items() if field in keywords]  # fmt: skip
-        tests.setdefault((*told,), []).append(k)
+        tests.setdefault((*of_run,), []).append(k)
     table = {
         field: np.array([number(row[column], unit, units[field], f"{where}row {k}, {column}")
                          for k, row in enumerate(rows, 1)]) / rates.get(column, 1.0)
