@@ -24,6 +24,7 @@ FRAMES = re.compile(r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(\d+(?:\.\d+)?)
 # words of the name of a column that names runs
 NAME_WORDS = "test concrete mix batch sample specimen name id no nr number probe versuch mischung 試験 配合 供試体 番号"
 MAX_GIVEN = 0.1  # part of the shear stress by constants that were given, up to which it counts as found
+MAX_MISSED = 0.1  # misfit over the largest value of a measure, above which the result says so
 SHEAR_RATES = np.geomspace(0.1, 1000.0, 81)  # of a flow curve [1/s]
 
 
@@ -129,10 +130,8 @@ def number(cell: str, unit: str, si_unit: str, where: str) -> float:
 def measures_of(scene) -> list[str]:
     """Return the names of a scene's measures known before a run; all of RESULTS where there are none."""
     found = scene.measure(scene.unfold(still(scene.initial, scene.spacing))) if scene.measure else {}
-    history = {"time_s": np.arange(2.0)} | {name: np.full(2, value) for name, value in found.items()}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of so short a history
-        later = scene.over_time(history) if found and scene.over_time else {}
+    history = {"time_s": np.arange(100.0)} | {name: np.full(100, value) for name, value in found.items()}
+    later = scene.over_time(history) if found and scene.over_time else {}
     return [*found, *later] or list(RESULTS)
 
 
@@ -194,7 +193,11 @@ class CurveFit(FittedConstants):
         lines = [
             *self.constant_lines(),
             *(f"{'time offset':18} {offset}" for offset in offsets),
-            *(f"{title(name):18} missed by {by:.2%} (root mean square)" for name, by in self.missed.items()),
+            *(
+                f"{title(name):18} missed by {by:.2%} (root mean square)"
+                + ("; no run comes near what was measured" if by > MAX_MISSED else "")
+                for name, by in self.missed.items()
+            ),
             *(f"{name} determines {self.determines(name)}" for name in self.worth),
             self.determined(),
             f"{self.runs} runs, {self.cpu_seconds:.0f} s of processor time",
