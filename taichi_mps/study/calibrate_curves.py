@@ -18,7 +18,7 @@ from .fit import constants_of, prior_of, worth_of
 from .sweep import executor_of, run_cases, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
-MAX_OFFSET = 20.0  # largest offset over a fortieth of the duration of the curve
+MAX_OFFSET = 20.0  # largest offset over its unit, a fortieth of the duration of the curve
 COARSENING = 2.0  # spacing of the runs of the fit over the scene's
 SEARCH_FACTOR = 100.0  # largest factor between a constant and its initial value
 START_FACTORS = 1.0, 0.1, 0.3, 3.0, 10.0  # of all constants at once, run first
@@ -34,10 +34,10 @@ class Runs:
     """Runs of a scene beside measured curves, kept in the folder of a study.
 
     A point ``at`` holds the logarithms of the constants over their ``initial`` values, then the time of the scene at
-    the zero of each ``shifted`` test over a fortieth of the duration of the test [s], its value there, within
-    ``bounds``, (2, unknowns). Its runs are rows, one of the test of each curve; ``done`` holds the points whose runs
-    have the spacing ``coarse`` [m] and came to their end, with these rows, by the key of the first. Residuals are those
-    of all measured points: (computed - measured)/error.
+    the zero of each test in ``shifted``, {test: unit of its offset [s]}, in that unit, within ``bounds``, (2,
+    unknowns). Its runs are rows, one of the test of each curve; ``done`` holds the points whose runs have the spacing
+    ``coarse`` [m] and came to their end, with these rows, by the key of the first. Residuals are those of all measured
+    points: (computed - measured)/error.
     """
 
     def __init__(
@@ -84,8 +84,11 @@ class Runs:
     def residuals(self, at, rows) -> np.ndarray:
         """Return the residuals by the rows of a point, at the times of the curves with the offsets of a point, or at
         the end; SceneError where a run failed."""
-        found, shifts = [], zip(self.shifted.items(), at[len(self.initial) :], strict=True)
-        offsets = {test: unit * shift for (test, unit), shift in shifts}
+        offsets = {
+            test: unit * shift
+            for (test, unit), shift in zip(self.shifted.items(), at[len(self.initial) :], strict=True)
+        }
+        found = []
         for curve, row in zip(self.curves, rows, strict=True):
             where, times = f"curve = {curve.test.name}: ", curve.times + offsets.get(curve.test, 0.0)
             require(row["status"] == "done", f"{where}a run {row['status']}: {row['reason']}")
@@ -140,14 +143,15 @@ def initial_values(scene: str, free: list[str], settings: dict) -> tuple[Scene, 
     logarithms over them, (2, constants); SceneError for what is no constant of it."""
     defaults = {name: number.default for law in reversed(LAWS) for name, number in numbers_of(law).items()}
     own = catalogue.build(scene, **settings).material
-    known = {name: getattr(own, name, defaults[name]) for name in free if name in defaults}
-    built = catalogue.build(scene, **settings | known)
+    built = catalogue.build(
+        scene, **settings | {name: getattr(own, name, defaults[name]) for name in free if name in defaults}
+    )
     initial, law = {name: getattr(built.material, name, None) for name in free}, type(built.material)
     for name, value in initial.items():
         require(
             name in numbers_of(law),
             f"free = {name}: is no constant of the law {law.__name__}, which the constants given choose"
-            f"{suggestion(name, defaults)}; must be of {', '.join(numbers_of(law))}",
+            f"{suggestion(name, defaults.keys() - {name})}; must be of {', '.join(numbers_of(law))}",
         )
         require(
             isinstance(value, float) and value > 0.0,
@@ -209,8 +213,8 @@ def calibrate_curves(
 
 
 def search(runs: Runs, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface]:
-    """Return the best point by coarse runs, corrected by finer ones of a ``spacing`` [m], the derivatives of the
-    residuals there, and over a step down and up, each (points, unknowns), and the regression near it."""
+    """Return the best point by coarse runs, corrected by finer ones of a ``spacing`` [m], derivatives of the residuals,
+    (3, points, unknowns), there and over RUN_STEP down and up from the last runs, and the regression near it."""
     from scipy.optimize import approx_fprime, least_squares
 
     are_constants = np.arange(runs.bounds.shape[1]) < len(runs.initial)
@@ -235,7 +239,7 @@ def search(runs: Runs, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface
             if moved < TOLERANCE or 2.0 * found.cost > 0.99 * before or abs(before - last) < 0.03 * last:
                 break
     sides = [approx_fprime(surface.centre, surface.residuals, step) for step in (-RUN_STEP, RUN_STEP)]
-    return at, [found.jac, *sides], surface
+    return at, np.array([found.jac, *sides]), surface
 
 
 def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurface) -> CurveFit:
@@ -252,7 +256,7 @@ def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurfa
     sum_of_squares = max(float(residuals @ residuals), 1e-12)
     correlation = np.clip(sum(part[1:] @ part[:-1] for part in parts) / sum_of_squares, 0.0, 0.9)
     error = np.sqrt(sum_of_squares / degrees_of_freedom * (1.0 + correlation) / (1.0 - correlation))
-    (slopes, *sides), noise = np.array(slopes) / error, surface.scatter(at) / error
+    (slopes, *sides), noise = slopes / error, surface.scatter(at) / error
 
     def covariance(slopes):
         spread = np.linalg.inv(prior + slopes.T @ slopes)
@@ -264,14 +268,14 @@ def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurfa
     ends = at + quantile / np.sqrt(np.maximum(precisions, 0.01 * least)) * [[-1.0], [1.0]]
     constants = constants_of(runs.initial, at[:count], ends[:, :count], runs.bounds[:, :count])
     spread, worth = quantile**2 * covariance(slopes), worth_of(runs.initial, prior, np.split(slopes, runs.curve_ends))
-    widths, models = np.sqrt(np.diag(spread)), np.split(runs.measured + runs.errors * residuals, runs.curve_ends)
+    widths = np.sqrt(np.diag(spread))[count:]
     return CurveFit(
         scene=runs.scene,
         material=material.model_copy(update={name: it.value for name, it in constants.items()}),
         constants=constants,
         offsets={
             test.name: (float(unit * offset), float(unit * by))
-            for (test, unit), offset, by in zip(runs.shifted.items(), at[count:], widths[count:], strict=True)
+            for (test, unit), offset, by in zip(runs.shifted.items(), at[count:], widths, strict=True)
         },
         spread=spread[:count, :count],
         missed={
@@ -281,7 +285,9 @@ def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurfa
         curves=[
             {"name": curve.test.name, "settings": curve.test.settings, "measure": curve.measure}
             | {"times": curve.times.tolist(), "measured": curve.values.tolist(), "model": model.tolist()}
-            for curve, model in zip(runs.curves, models, strict=True)
+            for curve, model in zip(
+                runs.curves, np.split(runs.measured + runs.errors * residuals, runs.curve_ends), strict=True
+            )
         ],
         worth={
             f"{title(curve.measure)} of {curve.test.name}": each
