@@ -109,10 +109,11 @@ class ResponseSurface:
 
     def __init__(self, runs: Runs, centre):
         self.runs, self.count, self.centre, self.correction = runs, len(runs.initial), centre, 0.0
-        steps = RUN_STEP * np.eye(self.count, len(centre))
-        rows = runs.compute(np.clip([centre, *(centre - steps), *(centre + steps)], *runs.bounds), runs.coarse)
+        steps = RUN_STEP * np.eye(len(centre))
+        self.points = np.clip([centre, *(centre - steps), *(centre + steps)], *runs.bounds)
+        self.rows = runs.compute(self.points, runs.coarse)
         near = [run for run in runs.done.values() if np.abs(run[0] - centre)[: self.count].max() <= RADIUS]
-        points, self.near = zip(*near or [(centre, rows[0])], strict=True)  # which failed, and tells why
+        points, self.near = zip(*near or [(centre, self.rows[0])], strict=True)  # which failed, and tells why
         self.terms = np.array([self.terms_at(at) for at in points])
         self.inverse = np.linalg.pinv(self.terms, rcond=1e-3)
 
@@ -128,6 +129,14 @@ class ResponseSurface:
     def residuals(self, at) -> np.ndarray:
         """Return the residuals at a point."""
         return self.terms_at(at) @ self.inverse @ self.run_residuals(at) + self.correction
+
+    def sides(self) -> np.ndarray:
+        """Return the derivatives of the residuals between the run at the centre and those to each side, (2, points,
+        unknowns); nan where a run failed."""
+        unknown, runs = np.full(len(self.runs.measured), np.nan), zip(self.points, self.rows, strict=True)
+        found = [self.runs.residuals(*run) if run[1][0]["key"] in self.runs.done else unknown for run in runs]
+        slopes = (np.array(found[1:]) - found[0]).T / (self.points[1:] - self.points[0]).sum(1)
+        return np.stack(np.split(slopes, 2, axis=1))
 
     def scatter(self, at) -> np.ndarray:
         """Return errors of the residuals at a point by the scatter of runs, (runs, points), whose squares add up. A
@@ -213,9 +222,9 @@ def calibrate_curves(
 
 
 def search(runs: Runs, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface]:
-    """Return the best point by coarse runs, corrected by finer ones of a ``spacing`` [m], derivatives of the residuals,
-    (3, points, unknowns), there and over RUN_STEP down and up from the last runs, and the regression near it."""
-    from scipy.optimize import approx_fprime, least_squares
+    """Return the best point by coarse runs, corrected by finer ones of a ``spacing`` [m], the derivatives of the
+    residuals there, (points, unknowns), and the regression near it."""
+    from scipy.optimize import least_squares
 
     are_constants = np.arange(runs.bounds.shape[1]) < len(runs.initial)
     scaled = [name != "flow_index" for name in runs.initial] + [False] * len(runs.shifted)
@@ -238,8 +247,7 @@ def search(runs: Runs, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSurface
             )
             if moved < TOLERANCE or 2.0 * found.cost > 0.99 * before or abs(before - last) < 0.03 * last:
                 break
-    sides = [approx_fprime(surface.centre, surface.residuals, step) for step in (-RUN_STEP, RUN_STEP)]
-    return at, np.array([found.jac, *sides]), surface
+    return at, found.jac, surface
 
 
 def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurface) -> CurveFit:
@@ -256,13 +264,13 @@ def fit_result(runs: Runs, material, spacing, at, slopes, surface: ResponseSurfa
     sum_of_squares = max(float(residuals @ residuals), 1e-12)
     correlation = np.clip(sum(part[1:] @ part[:-1] for part in parts) / sum_of_squares, 0.0, 0.9)
     error = np.sqrt(sum_of_squares / degrees_of_freedom * (1.0 + correlation) / (1.0 - correlation))
-    (slopes, *sides), noise = slopes / error, surface.scatter(at) / error
+    slopes, sides, noise = slopes / error, surface.sides() / error, surface.scatter(at) / error
 
     def covariance(slopes):
         spread = np.linalg.inv(prior + slopes.T @ slopes)
         return spread + spread @ slopes.T @ noise.T @ noise @ slopes @ spread  # the best point's by the scatter of runs
 
-    flattest = [np.where(np.linalg.norm(side, axis=0) < np.linalg.norm(slopes, axis=0), side, slopes) for side in sides]
+    flattest = np.where(np.linalg.norm(sides, axis=1, keepdims=True) < np.linalg.norm(slopes, axis=0), sides, slopes)
     least, quantile = np.diag(prior), t.ppf(0.975, degrees_of_freedom)
     precisions = np.array([1.0 / np.diag(covariance(side)) - least for side in flattest])
     ends = at + quantile / np.sqrt(np.maximum(precisions, 0.01 * least)) * [[-1.0], [1.0]]
