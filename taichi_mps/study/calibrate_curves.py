@@ -8,17 +8,17 @@ import numpy as np
 
 from ..engine import LAWS, Scene, numbers_of
 from ..input import catalogue
-from ..input.labels import in_words, is_measure, title, unit_of_measure, written
+from ..input.labels import in_words, is_measure, title, unit_of_measure
 from ..report.sentences import duration_text
 from ..units import notes, require, suggestion
 from .calibration import rounded
 from .case import Case, case_of, run_case
-from .fit import DIFFERENCE_STEP, constants_of, prior_of, worth_of
+from .fit import constants_of, prior_of, worth_of
 from .measured_curves import Curve, CurveFit, Test, measures_of, read_curves
 from .sweep import executor_of, run_cases, wall_time
 
 OFFSET = "time_offset"  # in ``free``: the unknown time [s] of the scene at the zero of a curve
-MAX_OFFSET = 0.5  # largest offset over the duration of the curve
+MAX_OFFSET = 20.0  # largest offset over its unit, a fortieth of the duration of the curve
 COARSENING = 2.0  # spacing of the runs of the fit over the scene's
 SEARCH_FACTOR = 100.0  # largest factor between a constant and its initial value
 START_FACTORS = 1.0, 0.1, 0.3, 3.0, 10.0  # of all constants at once, run first
@@ -28,17 +28,16 @@ RUN = partial(run_case, samples=100)  # of a case, to its end: its row, with tha
 MAX_ITERATIONS, MAX_CORRECTIONS = 10, 2  # regressions by coarse runs, and by these and a finer one
 TOLERANCE = 0.05  # change of the logarithms that ends them
 RELATIVE_ERROR = 0.01  # of a point over the largest value of its measure: weighs measures of different units
-MAX_DISTANCE = 0.1  # of points beyond all runs, over the largest value of their measure
 
 
 class CurveRuns:
     """Runs of a scene beside measured curves, kept in the folder of a study.
 
     A point ``at`` holds the logarithms of the constants over their ``initial`` values, then the time of the scene at
-    the zero of each ``shifted`` test over a tenth of the test's duration, within ``bounds``, (2, unknowns). Its runs
-    are rows, one of the test of each curve; ``done`` holds the points whose runs have the spacing ``coarse`` [m] and
-    came to their end, with these rows, by the key of the first. Residuals are those of all measured points:
-    (computed - measured)/error.
+    the zero of each test in ``shifted``, {test: unit of its offset [s]}, in that unit, within ``bounds``, (2,
+    unknowns). Its runs are rows, one of the test of each curve; ``done`` holds the points whose runs have the spacing
+    ``coarse`` [m] and came to their end, with these rows, by the key of the first. Residuals are those of all measured
+    points: (computed - measured)/error.
     """
 
     def __init__(
@@ -60,21 +59,10 @@ class CurveRuns:
             for (name, initial), factor in zip(self.initial.items(), np.exp(at), strict=False)
         }
 
-    def describe(self, at) -> str:
-        """Format the constants of a point."""
-        return ", ".join(f"{in_words(name)} {rounded(value)}" for name, value in self.mix(at).items())
-
-    def offsets(self, at) -> dict[Test, float]:
-        """Return the time [s] of the scene at the zero of each shifted test."""
-        return {
-            test: 0.1 * float(np.ptp(test.times) * offset)
-            for test, offset in zip(self.shifted, at[len(self.initial) :], strict=True)
-        }
-
     def case(self, test: Test, at, spacing) -> Case:
         """Return the case of a test at a point and a spacing [m]."""
-        later = MAX_OFFSET * (test in self.shifted)  # over the duration
-        until = {"until": float(test.times[-1] + later * np.ptp(test.times))} if len(test.times) else {}
+        later = MAX_OFFSET * self.shifted.get(test, 0.0)
+        until = {"until": float(test.times[-1] + later)} if len(test.times) else {}
         return case_of(self.scene, **self.settings | test.settings | self.mix(at) | until | {"spacing": spacing})
 
     def compute(self, points, spacing) -> list[list[dict]]:
@@ -96,7 +84,11 @@ class CurveRuns:
     def residuals(self, at, rows) -> np.ndarray:
         """Return the residuals by the rows of a point, at the times of the curves with the offsets of a point, or at
         the end; SceneError where a run failed."""
-        found, offsets = [], self.offsets(at)
+        offsets = {
+            test: unit * shift
+            for (test, unit), shift in zip(self.shifted.items(), at[len(self.initial) :], strict=True)
+        }
+        found = []
         for curve, row in zip(self.curves, rows, strict=True):
             where, times = f"curve = {curve.test.name}: ", curve.times + offsets.get(curve.test, 0.0)
             require(row["status"] == "done", f"{where}a run {row['status']}: {row['reason']}")
@@ -109,24 +101,6 @@ class CurveRuns:
             found.append(np.interp(times, known["time_s"], values) if len(times) else [values])
         return (np.concatenate(found) - self.measured) / self.errors
 
-    def model(self, residuals) -> list[np.ndarray]:
-        """Return the values of each curve that have these residuals."""
-        return np.split(self.measured + self.errors * residuals, self.curve_ends)
-
-    def require_reached(self, at, residuals) -> None:
-        """Raise SceneError, with the residuals at a point, where over a quarter of a curve's points lie beyond all
-        runs."""
-        found = np.array([self.residuals(*run) for run in self.done.values()])
-        beyond = np.maximum(found.min(0), -found.max(0)) > MAX_DISTANCE / RELATIVE_ERROR
-        parts = zip(self.curves, np.split(beyond, self.curve_ends), self.model(residuals), strict=True)
-        for curve, are_beyond, model in parts:
-            measured, nearest = (written(curve.measure, float(values[-1])) for values in (curve.values, model))
-            require(
-                np.mean(are_beyond) <= 0.25,
-                f"curve = {curve.test.name}: no run comes to it, its {title(curve.measure)} ends at {measured}, that "
-                f"of the nearest run at {nearest}, {self.describe(at)}",
-            )
-
 
 class ResponseSurface:
     """Residuals near a point as a smooth function of it, which averages the scatter of runs: a quadratic regression on
@@ -135,7 +109,7 @@ class ResponseSurface:
 
     def __init__(self, runs: CurveRuns, centre):
         self.runs, self.count, self.centre, self.correction = runs, len(runs.initial), centre, 0.0
-        steps = np.diag([RUN_STEP] * self.count + [DIFFERENCE_STEP] * len(runs.shifted))
+        steps = RUN_STEP * np.eye(len(centre))
         self.points = np.clip([centre, *(centre - steps), *(centre + steps)], *runs.bounds)
         self.rows = runs.compute(self.points, runs.coarse)
         near = [run for run in runs.done.values() if np.abs(run[0] - centre)[: self.count].max() <= RADIUS]
@@ -177,19 +151,16 @@ def initial_values(scene: str, free: list[str], settings: dict) -> tuple[Scene, 
     """Return the scene with initial values of the free constants, as given or the law's, these, and the bounds of the
     logarithms over them, (2, constants); SceneError for what is no constant of it."""
     defaults = {name: number.default for law in reversed(LAWS) for name, number in numbers_of(law).items()}
-    for name in free:
-        require(
-            name in defaults,
-            f"free = {name}: is no constant of a law{suggestion(name, defaults)}; must be of {', '.join(defaults)}",
-        )
     own = catalogue.build(scene, **settings).material
-    built = catalogue.build(scene, **settings | {name: getattr(own, name, defaults[name]) for name in free})
+    built = catalogue.build(
+        scene, **settings | {name: getattr(own, name, defaults[name]) for name in free if name in defaults}
+    )
     initial, law = {name: getattr(built.material, name, None) for name in free}, type(built.material)
     for name, value in initial.items():
         require(
             name in numbers_of(law),
-            f"free = {name}: the law {law.__name__}, which the constants given choose, has only "
-            f"{', '.join(numbers_of(law))}",
+            f"free = {name}: is no constant of the law {law.__name__}, which the constants given choose"
+            f"{suggestion(name, defaults.keys() - {name})}; must be of {', '.join(numbers_of(law))}",
         )
         require(
             isinstance(value, float) and value > 0.0,
@@ -225,7 +196,7 @@ def calibrate_curves(
     paths, measures = [path.strip() for path in curve.split(",")], measures_of(built)
     curves = [each for path in paths for each in read_curves(path, keywords, measures, given)]
     tests = list(dict.fromkeys(each.test for each in curves))
-    shifted = [test for test in tests if OFFSET in names and len(test.times)]
+    shifted = {test: 0.025 * float(np.ptp(test.times)) for test in tests if OFFSET in names and len(test.times)}
     points, least = sum(len(each.values) for each in curves), max(5, 1 + len(initial) + len(shifted))
     require(points >= least, f"curve = {curve}: holds {points} points; must be at least {least}")
     for each in (each for each in curves if unit_of_measure(each.measure)[1] == "cm"):  # beyond room a unit is missing
@@ -236,7 +207,7 @@ def calibrate_curves(
             f"curve = {each.test.name}: {each.measure} = {largest:g} m: must be at most {room:.2g} m, or have a unit, "
             "as in [cm]",
         )
-    bounds = np.hstack([bounds, 10.0 * MAX_OFFSET * np.outer([-1.0, 1.0], np.ones(len(shifted)))])
+    bounds = np.hstack([bounds, MAX_OFFSET * np.outer([-1.0, 1.0], np.ones(len(shifted)))])
     coarse, report = (COARSENING if finer else 1.0) * built.spacing, watch or str
     runs = CurveRuns(scene, settings, initial, bounds, curves, shifted, coarse, out, report)
     start, at_once = executor_of(executor, workers)
@@ -255,24 +226,24 @@ def search(runs: CurveRuns, spacing) -> tuple[np.ndarray, np.ndarray, ResponseSu
     residuals there, (points, unknowns), and the regression near it."""
     from scipy.optimize import least_squares
 
+    are_constants = np.arange(runs.bounds.shape[1]) < len(runs.initial)
     scaled = [name != "flow_index" for name in runs.initial] + [False] * len(runs.shifted)
     starts = np.clip(np.outer(np.log(START_FACTORS), scaled), *runs.bounds)
     runs.compute(starts, runs.coarse)
     at, _ = min(runs.done.values(), key=lambda run: np.sum(runs.residuals(*run) ** 2), default=(starts[0], None))
-    are_constants = np.arange(len(at)) < len(runs.initial)
     for is_corrected, most, steps in ((False, MAX_ITERATIONS, 2.0), (runs.coarse > spacing, MAX_CORRECTIONS, 1.0)):
         before, radius = np.inf, np.where(are_constants, steps * RUN_STEP, np.inf)
         for _ in range(most):
             surface = ResponseSurface(runs, at)
-            runs.require_reached(at, surface.residuals(at))
             if is_corrected:
                 surface.correction = runs.residuals(at, *runs.compute([at], spacing)) - surface.residuals(at)
             last, before = before, np.sum(surface.residuals(at) ** 2)
             found = least_squares(surface.residuals, at, bounds=np.clip([at - radius, at + radius], *runs.bounds))
             moved, at = np.abs(found.x - at)[are_constants].max(), found.x
+            mix = ", ".join(f"{in_words(name)} {rounded(value)}" for name, value in runs.mix(at).items())
             runs.report(
                 f"{len(runs.planned)} runs, {(monotonic() - runs.start) / len(runs.planned):.1f} s each: "
-                f"{runs.describe(at)}: misses by {RELATIVE_ERROR * np.sqrt(np.mean(found.fun**2)):.2%}"
+                f"{mix}: misses by {RELATIVE_ERROR * np.sqrt(np.mean(found.fun**2)):.2%}"
             )
             if moved < TOLERANCE or 2.0 * found.cost > 0.99 * before or abs(before - last) < 0.03 * last:
                 break
@@ -306,12 +277,15 @@ def fit_result(runs: CurveRuns, material, spacing, at, slopes, surface: Response
     ends = at + quantile / np.sqrt(np.maximum(precisions, 0.01 * least)) * [[-1.0], [1.0]]
     constants = constants_of(runs.initial, at[:count], ends[:, :count], runs.bounds[:, :count])
     spread, worth = quantile**2 * covariance(slopes), worth_of(runs.initial, prior, np.split(slopes, runs.curve_ends))
-    widths = runs.offsets(np.sqrt(np.diag(spread)))
+    widths = np.sqrt(np.diag(spread))[count:]
     return CurveFit(
         scene=runs.scene,
         material=material.model_copy(update={name: it.value for name, it in constants.items()}),
         constants=constants,
-        offsets={test.name: (offset, widths[test]) for test, offset in runs.offsets(at).items()},
+        offsets={
+            test.name: (float(unit * offset), float(unit * by))
+            for (test, unit), offset, by in zip(runs.shifted.items(), at[count:], widths, strict=True)
+        },
         spread=spread[:count, :count],
         missed={
             name: float(RELATIVE_ERROR * np.sqrt(np.mean(residuals[runs.measures == name] ** 2)))
@@ -320,7 +294,9 @@ def fit_result(runs: CurveRuns, material, spacing, at, slopes, surface: Response
         curves=[
             {"name": curve.test.name, "settings": curve.test.settings, "measure": curve.measure}
             | {"times": curve.times.tolist(), "measured": curve.values.tolist(), "model": model.tolist()}
-            for curve, model in zip(runs.curves, runs.model(residuals), strict=True)
+            for curve, model in zip(
+                runs.curves, np.split(runs.measured + runs.errors * residuals, runs.curve_ends), strict=True
+            )
         ],
         worth={
             f"{title(curve.measure)} of {curve.test.name}": each

@@ -24,6 +24,7 @@ FRAMES = re.compile(r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(\d+(?:\.\d+)?)
 # words of the name of a column that names runs
 NAME_WORDS = "test concrete mix batch sample specimen name id no nr number probe versuch mischung 試験 配合 供試体 番号"
 MAX_GIVEN = 0.1  # part of the shear stress by constants that were given, up to which it counts as found
+MAX_MISSED = 0.1  # misfit over the largest value of a measure, above which the result says so
 SHEAR_RATES = np.geomspace(0.1, 1000.0, 81)  # of a flow curve [1/s]
 
 
@@ -87,23 +88,22 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
         f"{', '.join(measures)}",
     )
     tests: dict[tuple, list[int]] = {}  # rows by the names and keywords of their run
-    for k, row in enumerate(rows):
+    for k, row in enumerate(rows, 1):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
         of_run = [(column, row[column]) for column in names]
         of_run += [(field, f"{row[column]} {unit * without_unit(row[column])}".strip())
                  for column, (field, unit) in contents.items() if field in keywords]  # fmt: skip
-        tests.setdefault((*of_run,), []).append(k)
+        require(
+            "time" in found or (*of_run,) not in tests,
+            f"{where}row {k}: nothing tells it from a row before; must have a column of times, such as time [s], "
+            f"of a keyword of the scene or of names, such as test{'; not used: ' if others else ''}{others}",
+        )
+        tests.setdefault((*of_run,), []).append(k - 1)
     table = {
         field: np.array([number(row[column], unit, units[field], f"{where}row {k}, {column}")
                          for k, row in enumerate(rows, 1)]) / rates.get(column, 1.0)
         for column, (field, unit) in contents.items() if field not in (None, *keywords)
     }  # fmt: skip
-    again = min((at[1] + 1 for at in tests.values() if at[1:]), default=0)
-    require(
-        "time" in found or not again,
-        f"{where}row {again}: nothing tells it from a row before; must have a column of times, such as time [s], "
-        f"of a keyword of the scene or of names, such as test{'; not used: ' if others else ''}{others}",
-    )
     if others:
         warnings.warn(f"{where}not used: {others}", stacklevel=2)
     for key, at in tests.items():
@@ -129,10 +129,8 @@ def number(cell: str, unit: str, si_unit: str, where: str) -> float:
 def measures_of(scene) -> list[str]:
     """Return the names of a scene's measures known before a run; all of RESULTS where there are none."""
     found = scene.measure(scene.unfold(still(scene.initial, scene.spacing))) if scene.measure else {}
-    history = {"time_s": np.arange(2.0)} | {name: np.full(2, value) for name, value in found.items()}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of so short a history
-        later = scene.over_time(history) if found and scene.over_time else {}
+    history = {"time_s": np.arange(100.0)} | {name: np.full(100, value) for name, value in found.items()}
+    later = scene.over_time(history) if found and scene.over_time else {}
     return [*found, *later] or list(RESULTS)
 
 
@@ -165,10 +163,13 @@ class CurveFit(FittedConstants):
 
     def determined(self) -> str:
         """Format in sentences which constants the curves determine."""
-        errors = dict(zip(self.constants, map(percent, np.sqrt(np.diag(self.spread))), strict=True))
-        known = [f"{in_words(name)} to {errors[name]}" for name, it in self.constants.items() if it.determined]
+        known = [
+            f"{in_words(name)} to {percent(by)}"
+            for (name, it), by in zip(self.constants.items(), np.sqrt(np.diag(self.spread)), strict=True)
+            if it.determined
+        ]
         others = [in_words(name) for name, it in self.constants.items() if not it.determined]
-        given = [name for name, it in dict(self.material).items() if isinstance(it, float) and name not in errors]
+        given = [name for name, it in self.material if isinstance(it, float) and name not in self.constants]
         own = np.abs(self.logarithmic_slopes(given, SHEAR_RATES)[1]).sum(0) < MAX_GIVEN
         stress, factor = self.flow_curve()
         best = np.where(own, factor, np.inf).argmin()
@@ -182,19 +183,29 @@ class CurveFit(FittedConstants):
 
     def facts(self) -> dict:
         """Return all results, JSON-ready."""
-        flow = zip(("shear_rate_1_s", "shear_stress_Pa", "factor"), (SHEAR_RATES, *self.flow_curve()), strict=True)
+        stress, factor = self.flow_curve()
         return super().facts() | {
             "material": self.material.facts(),
             "spread": self.spread.tolist(),
-            "flow_curve": {name: values.tolist() for name, values in flow},
+            "flow_curve": {
+                "shear_rate_1_s": SHEAR_RATES.tolist(),
+                "shear_stress_Pa": stress.tolist(),
+                "factor": factor.tolist(),
+            },
         }
 
     def __str__(self):
-        offsets = [f"{1e3 * at:+.0f} +- {1e3 * by:.0f} ms: {name}" for name, (at, by) in self.offsets.items()]
         lines = [
             *self.constant_lines(),
-            *(f"{'time offset':18} {offset}" for offset in offsets),
-            *(f"{title(name):18} missed by {by:.2%} (root mean square)" for name, by in self.missed.items()),
+            *(
+                f"{'time offset':18} {1e3 * at:+.0f} +- {1e3 * by:.0f} ms: {name}"
+                for name, (at, by) in self.offsets.items()
+            ),
+            *(
+                f"{title(name):18} missed by {by:.2%} (root mean square)"
+                + ("; no run comes near what was measured" if by > MAX_MISSED else "")
+                for name, by in self.missed.items()
+            ),
             *(f"{name} determines {self.determines(name)}" for name in self.worth),
             self.determined(),
             f"{self.runs} runs, {self.cpu_seconds:.0f} s of processor time",
