@@ -27,7 +27,9 @@ def lacking(metadata: str, texts: dict[str, str]) -> list[str]:
     if not address:
         return [*found, "pyproject.toml: no Repository in [project.urls]"]
     texts = texts | {"README.md": about.get_payload()}
-    return found + [f"{file}: {address} is missing, {what}" for file, what in PLACES.items() if address not in texts[file]]
+    return found + [
+        f"{file}: {address} is missing, {what}" for file, what in PLACES.items() if address not in texts[file]
+    ]
 
 
 def main(wheel: str) -> int:
