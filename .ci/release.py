@@ -1,7 +1,7 @@
 """Refuses what is not ready for an index: python .ci/release.py dist/*.whl
 
-The address of the project is known in one place, `Repository` in [project.urls] of pyproject.toml. Each other place that
-must hold it, and does not, is named here; 1 if there is any.
+The address of the project stands in one place, `Repository` in [project.urls] of pyproject.toml. What else must
+hold it, and does not, is named here; ends with 1 if there is any.
 """
 
 import sys
