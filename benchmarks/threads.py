@@ -48,7 +48,7 @@ def main() -> None:
         rows.append((threads, *best.values()))
     head = ["threads", *(f"{way}, {what}" for way in WAYS for what in ("us a particle and step", "times one thread"))]
     cells = [(n, f"{a:.3g}", f"{rows[0][1] / a:.2f}", f"{b:.3g}", f"{rows[0][2] / b:.2f}") for n, a, b in rows]
-    load = f"{cores} threads in all, load average at the start {before['load_average']}."
+    load = f"{cores} threads in all, load average at the start {before['load_average']!s:.4}."
     print(f"{points.table(head, cells)}\n\n{load}\n\n{origin([{'machine': before}])}")
 
 
