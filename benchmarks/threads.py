@@ -1,6 +1,6 @@
 """What threads are worth on a machine: the team of threads, as runs use it, beside Taichi's own parallel loops.
 
-    python benchmarks/threads.py [--particles 20000] [--repeats 3]     # some minutes; then send what it prints
+    python benchmarks/threads.py [--particles 20000] [--repeats 3]     # some minutes, nothing else at work
 
 The step of benchmarks/step.py, each number of threads in a process of its own, from 1 to what the machine has, by
 powers of two. With its own loops Taichi hands each loop of a solve to its threads anew, as on a GPU.
@@ -37,7 +37,7 @@ def main() -> None:
         stages.Execution.launch_team = by_loops if way == "loops" else stages.Execution.launch_team
         print(json.dumps(measure(arguments.particles, int(threads), "cpu")))
         return
-    cores, rows = os.cpu_count(), []
+    cores, rows, before = os.cpu_count(), [], facts()
     for threads in sorted({cores, *(2**k for k in range(cores.bit_length()))}):
         best = {way: 1e9 for way in WAYS}
         for way in WAYS * arguments.repeats:
@@ -48,7 +48,8 @@ def main() -> None:
         rows.append((threads, *best.values()))
     head = ["threads", *(f"{way}, {what}" for way in WAYS for what in ("us a particle and step", "times one thread"))]
     cells = [(n, f"{a:.3g}", f"{rows[0][1] / a:.2f}", f"{b:.3g}", f"{rows[0][2] / b:.2f}") for n, a, b in rows]
-    print(f"{points.table(head, cells)}\n\n{origin([{'machine': facts()}])}")
+    load = f"{cores} threads in all, load average at the start {before['load_average']!s:.4}."
+    print(f"{points.table(head, cells)}\n\n{load}\n\n{origin([{'machine': before}])}")
 
 
 if __name__ == "__main__":

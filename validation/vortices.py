@@ -54,7 +54,7 @@ def lid_driven(name, material, across, until) -> mps.Scene:
 
 
 def cavity(reynolds, until, good, across=40):
-    """u on x = 0.5 against the independent solution; ``good`` is the level of C_where_methods_fail.json for its lowest
+    """u on x = 0.5 against our own solution; ``good`` is the level of C_where_methods_fail.json for its lowest
     value."""
     l0, wanted = 1.0 / across, columns("C_lid_cavity_ghia.csv", Re=float(reynolds), component="u(x=0.5 y)")
     y, u = wanted["position"], wanted["own"]
