@@ -18,14 +18,13 @@ from ..io import lock
 from ..io.history import read_history
 from ..io.run_folder import MARKER_FILE, REPORT, RunFolder, next_free, read_json
 from ..report import inputs
-from ..report.sentences import LEADING, answer, closing, cost, measured, measures, rows
+from ..report.sentences import EXPECTED, LEADING, answer, closing, cost, measured, measures, rows
 from ..units import SceneError, plain, require
 from .jobs import Job, Queue
 
 NO_SUMMARY = "runs, was cut off, or is of an older version"
 MAX_LINES, MAX_CHARACTERS, MAX_POINTS = 200, 1000, 300  # of a table; of a text of a run folder; of a curve
 SAVED = {REPORT: "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
-NO_NUMBERS = "slump_expected_error_m", "spread_expected_error_m"
 BIN = ".bin"  # in the folder of the runs
 ENDED_WELL, RESUMABLE_ENDS = ("rest", "unyielded", "time"), (None, "interrupted")  # values of ``stopped_by``
 
@@ -107,7 +106,7 @@ def row(folder: RunFolder) -> dict:
             "end": end_of(summary),
         }
         leading = {key: summary[key] for key in LEADING if isinstance(summary.get(key), float)}
-        errors = {key: summary.get(key.replace("_m", "_expected_error_m")) for key in ("slump_m", "spread_m")}
+        errors = {key: summary.get(key.replace("_m", EXPECTED)) for key in ("slump_m", "spread_m")}
         facts |= {key: text_of(text) for key, text in words.items()}
         return facts | {"whole": summary["stopped_by"] in ENDED_WELL, "numbers": numbers(leading), "errors": errors}
     except Exception as error:  # a folder may come from anybody
@@ -211,7 +210,7 @@ class Runs:
         name = plain(folder.path.name)
         require(not folder.path.is_symlink(), f"run = {name}: is a link to a run; it is left alone")
         busy = any(job.folder and job.folder.path == folder.path for job in self.queue.jobs if not job.finished)
-        require(not busy, f"run = {name}: goes on; stop it first")
+        require(not busy, f"run = {name}: is running; stop it first")
         with lock.held(folder.path):
             pass
         os.rename(folder.path, to)
@@ -221,7 +220,7 @@ def numbers(measures: dict) -> dict:
     """Measures by key: value or None, value as text, and name."""
     shown = {}
     for key, value in measures.items():
-        if is_measure(key) and key not in NO_NUMBERS:
+        if is_measure(key) and not key.endswith(EXPECTED):
             there = value is not None and math.isfinite(value)
             shown[key] = [value if there else None, written(key, value) if there else "not reached", title(key)]
     return shown

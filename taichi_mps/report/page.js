@@ -85,7 +85,7 @@ function pace() {
   const long = film.times.at(-1) - film.times[0];
   const speed = long < 1.2 ? [0.5, 0.25, 0.1, 0.05, 0.02, 0.01].find((value) => long / value >= 1.2) ?? 0.01 : [1, 2, 5, 10, 20, 50, 100, 200, 500].find((value) => long / value <= 12) ?? 1000;
   const words = { 1: "real time", 0.5: "half speed", 0.25: "quarter speed", 2: "double speed" };
-  return [speed, words[speed] ?? (speed > 1 ? `${speed} times the speed` : `1/${Math.round(1 / speed)} of the speed`)];
+  return [speed, words[speed] ?? `${speed}x speed`];
 }
 
 function play(on) {

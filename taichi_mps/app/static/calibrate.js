@@ -4,7 +4,7 @@ import {ask, h, listen, told} from "./ask.js";
 import {Stage} from "./stage.js";
 
 const FIRST = ["slump", "spread", "t500", "mini_cone", "v_funnel"];
-const FIRST_WORDS = "The yield stress and the plastic viscosity that fit come here.";
+const FIRST_WORDS = "Results appear here.";
 
 export class Calibrate {
   constructor(place, measurements, go) {
@@ -58,7 +58,7 @@ export class Calibrate {
       return;
     }
     this.mark({});
-    this.answer.replaceChildren(h("p", {}, "At work …"), h("progress"));
+    this.answer.replaceChildren(h("p", {}, "Calibrating …"), h("progress"));
     this.figure.hidden = this.button.disabled = true;
     this.reasons.replaceChildren();
     const answer = await ask("calibrate", {values: this.values, check: this.check.checked});

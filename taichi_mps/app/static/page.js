@@ -166,7 +166,7 @@ async function forecast() {
   by("forecast").replaceChildren(...(known.lines || []).map((text) => h("p", {}, text)));
   button();
   if (known.wrong && state.mode === "preview") numbers({}, {}, "");
-  else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, "From the tables of calibrate.");
+  else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, "Estimate; preview is coming.");
   if (!test().preview && !known.wrong)
     by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
 }
@@ -198,7 +198,7 @@ async function preview() {
   try {
     for await (const part of listen("preview", {test: test().name, values: state.values}, call.signal)) {
       if (call.signal.aborted) return;
-      if (part.preparing && !state.computed) source("The preview is being made ready, some seconds at the first time.");
+      if (part.preparing && !state.computed) source("Compiling …");
       if (part.remark) notice(part.remark);
       if (part.wrong) source("");
       if (part.stage) stage.begin(part.stage), delete by("stage").dataset.old;
@@ -212,7 +212,7 @@ async function preview() {
         stage.finish(time);
         state.computed = true;
         by("stage").dataset.result = Math.round(performance.now() - start);
-        const known = Object.keys(errors).length ? "± by the measured errors of such a preview" : "its error was not measured";
+        const known = Object.keys(errors).length ? "± by the measured errors of such a preview" : "no accuracy data";
         const size = `particles of ${Number((1000 * spacing).toPrecision(3))} mm`;
         const end = {rest: "", time: ", still moving", diverged: ", which this preview cannot follow to its end"}[ended] ?? "";
         numbers(m, errors, `Preview, a section with ${size}${end}; ${known}.${last ? "" : " It is being refined."}`);
@@ -309,7 +309,7 @@ function follow(job) {
   const waits = job.state === "waiting";
   const about = job.left === null ? job.about : job.spent + job.left;
   const spent = `${Math.round(job.spent)} s${about ? ` of about ${inTime(Math.max(about, job.spent))}` : ""}`;
-  const where = job.flow === null ? "the program is being made ready" : `the concrete at ${job.flow.toFixed(2)} s. ${job.result}`;
+  const where = job.flow === null ? "Compiling …" : `the concrete at ${job.flow.toFixed(2)} s. ${job.result}`;
   if (!["done", "stopped", "failed"].includes(job.state)) {
     by("status").textContent = waits ? `${job.title}: waits until the one before is done` : `${spent}: ${where}`;
     by("bar").firstElementChild.style.width = `${100 * Math.min(1, about ? job.spent / about : 0)}%`;

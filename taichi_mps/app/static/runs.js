@@ -29,7 +29,7 @@ export class Runs {
     this.notice.textContent = words || "";
   }
 
-  // What the address asks for: the list, one run, or several beside each other.
+  // What the address asks for: the list, one run, or a comparison of several.
   async show(page, name, names) {
     this.page = page;
     this.name = name;
@@ -84,7 +84,7 @@ export class Runs {
       run.picture ? h("img", {src: run.picture, alt: "", loading: "lazy"}) : h("span.none"),
       h("div.what", {}, h("a", {href: open}, run.name),
         h("p", {}, run.test ? `${run.test}, ${run.mix}` : "")),
-      h("div.found", {}, h("b", {}, run.result || ""), h("p", {}, run.runs ? "goes on" : run.end)),
+      h("div.found", {}, h("b", {}, run.result || ""), h("p", {}, run.runs ? "running" : run.end)),
       h("div.when", {}, date, h("p", {}, size(run.size))),
       h("div.do", {}, run.report && h("a.button", {href: run.report, target: "_blank", rel: "noopener"}, "report"),
         run.resumable && h("button", {type: "button", "data-action": "resume", onclick: () => this.change("resume", {names: [run.name]})}, "resume"),

@@ -110,7 +110,7 @@ export class Stage {
     if (this.film < last.t) this.request();
     const over = this.end !== null && this.film >= last.t;
     if (this.caption) {
-      const pace = over ? "at rest" : this.speed > 1.05 ? `${Number(this.speed.toPrecision(2))} times as fast` : "real time";
+      const pace = over ? "at rest" : this.speed > 1.05 ? `${Number(this.speed.toPrecision(2))}x speed` : "real time";
       this.caption.textContent = `${this.film.toFixed(2)} s, ${this.resting === false && over ? "end" : pace}`;
     }
     if (this.again) this.again.hidden = !over;
