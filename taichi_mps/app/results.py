@@ -18,7 +18,7 @@ from ..io import lock
 from ..io.history import read_history
 from ..io.run_folder import MARKER_FILE, REPORT, RunFolder, next_free, read_json
 from ..report import inputs
-from ..report.sentences import EXPECTED, LEADING, answer, closing, cost, measured, measures, rows
+from ..report.sentences import EXPECTED, LEADING, answer, closing, cost, measured, measures, rows, verdicts
 from ..units import SceneError, plain, require
 from .jobs import Job, Queue
 
@@ -102,6 +102,7 @@ def row(folder: RunFolder) -> dict:
         words = {
             "test": in_words(summary["scene"]),
             "mix": mixes(summary),
+            "verdict": " ".join(verdicts(summary)),
             "result": measured(summary),
             "end": end_of(summary),
         }
@@ -234,6 +235,7 @@ def facts_of(number: int, job: Job) -> dict:
     return {
         "id": number,
         "title": job.title,
+        "test": job.scene,
         "state": job.state,
         "stopping": job.stopping,
         "message": message if job.state == "failed" else "",

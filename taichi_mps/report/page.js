@@ -121,7 +121,6 @@ async function begin() {
   const size = Math.max(...subtract(data.high, data.low));
   const tick = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1].find((value) => value >= size / 14) ?? 2;
   state.viewer = new Viewer(canvas, [data.low, data.high], { floor: data.floor, tick, flat: data.dimension === 2 });
-  state.meshes = await decoded();
   document.body.classList.add("moving");
   element("time").max = film.times.length - 1;
   element("time").oninput = () => { play(false); show(Number(element("time").value)); };
@@ -143,9 +142,11 @@ async function begin() {
 
 async function write() {
   data.charts.forEach((each) => chart(each, element("charts")));
-  cross(data.section, element("section"));
-  if (data.filling) filled(data.filling, element("section"));
   try {
+    state.meshes = await decoded();
+    const { middle } = data.section;
+    cross(data.section, middle === undefined ? null : sliced(state.meshes.at(-1), middle, data.floor), element("section"));
+    if (data.filling) filled(data.filling, element("section"));
     await begin();
   } catch (error) { // without WebGL or DecompressionStream the picture stays
     element("why").textContent = `This browser shows no moving film (${error.message}); the picture is the end of the run.`;

@@ -20,6 +20,7 @@ from ..input.labels import (
 )
 from ..io.history import COLUMNS
 from ..units import plain
+from .verdict import verdict
 
 OTHER_ERRORS = " Scatter of the test and uncertainty of the constants are extra."
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
@@ -38,9 +39,14 @@ PARTS = {"ready": "compiling", "pictures": "last pictures", "report": "pictures 
 
 
 def answer(summary: dict) -> list[str]:
-    """Sentences on the flow of a run: its results, the reason of its end, doubts, expected errors."""
+    """Sentences on the flow of a run: the verdict, its results, the reason of its end, doubts, expected errors."""
     known = [*doubts(summary), *thin_solids(summary), *grains(summary), certainty(summary)]
-    return [measured(summary), *passing(summary), ending(summary), *known]
+    return [*verdicts(summary), measured(summary), ending(summary), *known]
+
+
+def verdicts(summary: dict) -> list[str]:
+    """Sentences that come first: how many grains pass, and the verdict."""
+    return [*passing(summary), *filter(None, [verdict(summary)])]
 
 
 def closing(summary: dict, folder) -> list[str]:

@@ -76,6 +76,7 @@ function choose(name, values) {
   for (const field of fields()) write(field.name, state.values[field.name] || "");
   by("headline").textContent = test().help;
   by("nothing").replaceChildren(icon(name), h("p", {}, "This test has no preview. What a run of it takes is told beside the button."));
+  for (const link of by("tests").children) link.tabIndex = link.dataset.page === name ? 0 : -1;  // one stop of the keyboard
   document.querySelector("#tests a[aria-current]")?.scrollIntoView({block: "nearest", inline: "nearest"});
   look();
 }
@@ -141,7 +142,7 @@ function set(name, text) {
   checking++;  // an answer under way is of the mix before
   state.known = {space: state.known?.space};  // the forecast is of the mix before, as are numbers and body
   button();
-  for (const id of ["numbers", "stage"]) by(id).dataset.old = "";
+  for (const id of ["verdict", "numbers", "stage"]) by(id).dataset.old = "";
   mark(name, "");
   source("");
   clearTimeout(resting);
@@ -223,7 +224,8 @@ async function preview() {
   }
 }
 
-function numbers(m, errors, words) {
+function numbers(m, errors, words, verdict = "") {
+  by("verdict").textContent = verdict;
   const cells = Object.entries(m).filter(([key]) => key !== HIGHEST).slice(0, 4).map(([key, [value, text, name]]) => {
     const read = key === "slump_m" ? m[HIGHEST]?.[0] : value;  // EN 12350-2 reads the highest point
     const off = errors[key], kind = read == null || !standard() ? "" : en206(key, read);
@@ -233,7 +235,7 @@ function numbers(m, errors, words) {
       h("span.off", {}, small), kind && h("span.class", {title: by206}, kind));
   });
   by("numbers").replaceChildren(...cells);
-  delete by("numbers").dataset.old;
+  for (const id of ["verdict", "numbers"]) delete by(id).dataset.old;
   source(words);
 }
 
@@ -292,7 +294,8 @@ async function tick() {
   const {jobs = [], last, lost} = await ask("jobs");
   if (lost) return;
   const before = state.job;
-  state.job = jobs.find((job) => job.state === "running") || jobs.find((job) => job.state === "waiting") || jobs.at(-1);
+  const own = jobs.filter((job) => job.test === test().name);  // Stop stands only where its test is shown
+  state.job = own.find((job) => job.state === "running") || own.find((job) => job.state === "waiting") || own.at(-1) || null;
   const {job} = state, over = job && ["done", "stopped", "failed"].includes(job.state);
   if (job && !over && !before && state.mode === "preview") mode("run");
   if (job && state.mode === "run") follow(job);
@@ -317,7 +320,7 @@ function follow(job) {
     if (job.picture) by("picture").src = job.picture;
     by("picture").alt = job.title;
     source(job.title);
-    by("numbers").replaceChildren();
+    for (const id of ["verdict", "numbers"]) by(id).replaceChildren();
   }
 }
 
@@ -329,7 +332,7 @@ async function finished(job, last) {
   if (run.wrong) return source(`${job.title}: stopped before it began`);  // it has no folder yet
   if (run.film) by("picture").src = run.film;
   const stopped = job.state === "stopped";  // what it had reached by then is no result
-  numbers(stopped ? {} : run.numbers, run.errors, `${run.name}: ${run.mix}; ${run.end}${stopped ? `. ${run.result}` : ""}`);
+  numbers(stopped ? {} : run.numbers, run.errors, `${run.name}: ${run.mix}; ${run.end}${stopped ? `. ${run.result}` : ""}`, stopped ? "" : run.verdict);
 }
 
 // The last run with a result: whatever came later, it stays.
@@ -339,7 +342,7 @@ function lastRun(last) {
   if (!last) return;
   by("last").replaceChildren(
     ...(last.picture ? [h("img", {src: last.picture, alt: ""})] : []),
-    h("div", {}, h("b", {}, "Last run "), h("span", {}, last.result), h("p", {}, `${last.test}, ${last.mix}`)),
+    h("div", {}, h("b", {}, "Last run "), h("span", {}, `${last.verdict} ${last.result}`), h("p", {}, `${last.test}, ${last.mix}`)),
     h("a.button", {href: `#runs/${encodeURIComponent(last.name)}`, "data-action": "open"}, "open"),
     last.report && h("a.button", {href: last.report, target: "_blank", rel: "noopener"}, "report"),
   );
@@ -362,6 +365,10 @@ by("tests").append(...[...order, ...others].map((name) =>
       const mix = new URLSearchParams(typed ? given.map((key) => [key, state.values[key]]) : []);
       go(`#${name}${mix.size ? `?${mix}` : ""}`);
     }}, icon(name), h("span", {}, TESTS[name] || name))));
+by("tests").addEventListener("keydown", (event) => {
+  const next = {ArrowLeft: "previousElementSibling", ArrowRight: "nextElementSibling"}[event.key];
+  if (next && event.target[next]) event.preventDefault(), event.target[next].focus();
+});
 runs = new Runs(by("runs"), go);
 calibrate = new Calibrate(by("calibrate"), given.measurements || [], go);
 by("mix").addEventListener("submit", press);
