@@ -11,20 +11,24 @@ from itertools import chain
 from pathlib import Path
 from urllib.parse import quote
 
-import numpy as np
-
 from ..input.labels import STOP_REASONS, in_words, is_measure, mix_in_words, title, written
 from ..io import lock
 from ..io.history import read_history
 from ..io.run_folder import MARKER_FILE, REPORT, RunFolder, next_free, read_json
 from ..report import inputs
+from ..report.drawings import charts
 from ..report.sentences import EXPECTED, LEADING, answer, closing, cost, measured, measures, rows, verdicts
 from ..units import SceneError, plain, require
 from .jobs import Job, Queue
 
 NO_SUMMARY = "runs, was cut off, or is of an older version"
-MAX_LINES, MAX_CHARACTERS, MAX_POINTS = 200, 1000, 300  # of a table; of a text of a run folder; of a curve
-SAVED = {REPORT: "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
+MAX_LINES, MAX_CHARACTERS = 200, 1000  # of a table; of a text of a run folder
+SAVED = {
+    REPORT: "report",
+    "summary.json": "numbers as JSON",
+    "history.csv": "curves as CSV",
+    "case.toml": "case",
+}  # in words
 BIN = ".bin"  # in the folder of the runs
 ENDED_WELL, RESUMABLE_ENDS = ("rest", "unyielded", "time"), (None, "interrupted")  # values of ``stopped_by``
 
@@ -162,11 +166,11 @@ class Runs:
         }
 
     def compare(self, query) -> dict:
-        """Comparison of runs: keywords that differ, results, and slump curves."""
+        """Comparison of runs: keywords that differ, results, and curves."""
         folders = list(map(self.named, query.names))
         known = {text_of(folder.path.name): summary for folder in folders if (summary := summary_of(folder))}
         lines = [[text_of(cell) for cell in line] for line in beside(list(known.values()))][:MAX_LINES]
-        return {"head": list(known), "lines": lines, "curves": list(filter(None, map(curve, folders)))}
+        return {"head": list(known), "lines": lines, "curves": list(map(curves, folders))}
 
     # ---- changes -----------------------------------------------------------------------------------------------
     def resume(self, query) -> None:
@@ -258,13 +262,8 @@ def beside(summaries: list[dict]) -> list[tuple[str, ...]]:
     return lines + [(name, *(found.get(name, "-") for found in results)) for name in dict.fromkeys(chain(*results))]
 
 
-def curve(folder: RunFolder) -> dict | None:
-    """Slump [cm] of a run over time [s]; None if it has none."""
-    try:
-        history = read_history(folder.history)
-    except SceneError:
-        return None
-    points = np.stack([history["time_s"], 100.0 * history["slump_m"]], 1)
-    points = points[np.isfinite(points[:, 1])]
-    sampled = points[np.unique(np.linspace(0, len(points) - 1, MAX_POINTS).astype(int))] if len(points) else points
-    return {"name": text_of(folder.path.name), "points": sampled.tolist()} if len(sampled) else None
+def curves(folder: RunFolder) -> dict:
+    """Charts of a run as in its report; none of one without a history."""
+    with suppress(SceneError):
+        return {"name": text_of(folder.path.name), "charts": charts(read_history(folder.history))}
+    return {"name": text_of(folder.path.name), "charts": []}

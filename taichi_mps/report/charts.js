@@ -50,7 +50,7 @@ function path(xs, ys, x, y) {
 const span = (rows) => rows.flat().reduce(([a, b], v) => (v === null ? [a, b] : [Math.min(a, v), Math.max(b, v)]), [Infinity, -Infinity]);
 
 /* Curves of one unit; what the pointer is at stands below, clear of the curves. */
-function chart({ unit, curves, along = "time [s]", title }, place) {
+function chart({ unit, curves, along = "time [s]", title, legend = true }, place) {
   const name = title ?? (curves.length > 1 ? `[${unit}]` : `${curves[0].name}${unit ? ` [${unit}]` : ""}`);
   const [low, high] = span(curves.map((c) => c.y)), [x0, x1] = span(curves.map((c) => c.x));
   const { drawing, x, y } = frame(440, 230, [x0, x1], [Math.min(0, low), 1.03 * high || 1], along, name);
@@ -58,7 +58,7 @@ function chart({ unit, curves, along = "time [s]", title }, place) {
   curves.forEach((curve, k) => {
     const colour = COLOURS[k % COLOURS.length];
     drawing.append(svg("path", { d: path(curve.x, curve.y, x, y), fill: "none", stroke: colour, "stroke-width": 2 }));
-    if (curves.length < 2) return;
+    if (curves.length < 2 || !legend) return;
     drawing.append(svg("line", { x1: from, x2: from + 14, y1: 8, y2: 8, stroke: colour, "stroke-width": 3 }));
     drawing.append(svg("text", { x: from + 18, y: 12 }, curve.name));
     from += 30 + 6.4 * curve.name.length;
@@ -68,13 +68,36 @@ function chart({ unit, curves, along = "time [s]", title }, place) {
   drawing.onpointermove = (event) => {
     const box = drawing.getBoundingClientRect(), at = ((event.clientX - box.left) / box.width) * 440, first = curves[0].x;
     const wanted = x0 + ((at - 46) / (440 - 56)) * (x1 - x0);
-    const k = first.reduce((best, value, i) => (Math.abs(value - wanted) < Math.abs(first[best] - wanted) ? i : best), 0), px = x(first[k]);
+    const nearest = (xs) => xs.reduce((best, value, i) => (Math.abs(value - wanted) < Math.abs(xs[best] - wanted) ? i : best), 0);
+    const k = nearest(first), px = x(first[k]);
     mark.setAttribute("x1", px); mark.setAttribute("x2", px);
-    read.textContent = `${first[k]}: ${curves.map((c) => `${c.y[k] ?? "-"}${unit ? ` ${unit}` : ""}`).join(", ")}`;
+    read.textContent = `${first[k]}: ${curves.map((c) => c.y[nearest(c.x)] ?? "-").join(", ")} ${unit}`.trimEnd();
     drawing.classList.add("reading");
   };
   drawing.onpointerleave = () => drawing.classList.remove("reading");
   place.append(drawing);
+}
+
+/* Rows of cells as a CSV file that is downloaded. */
+function save(name, rows) {
+  const quoted = (cell) => (/[",\n]/.test(cell) ? `"${String(cell).replaceAll('"', '""')}"` : cell);
+  const text = rows.map((row) => `${row.map(quoted).join(",")}\n`).join(""), link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+  link.download = `${name}.csv`;
+  link.click();
+}
+
+/* Rows of a CSV file from charts: the time once, then each curve; of another abscissa each with its own. */
+function columns(charts) {
+  const found = charts.flatMap(({ unit, curves, along }, k) =>
+    curves.flatMap((c, i) => [...(along || k + i === 0 ? [[along ?? "time [s]", ...c.x]] : []), [`${c.name}${unit ? ` [${unit}]` : ""}`, ...c.y]]));
+  return Array.from({ length: Math.max(...found.map((column) => column.length)) }, (_, row) => found.map((column) => column[row] ?? ""));
+}
+
+/* Cells of a table of results: name, number, unit, expected error [mm], what it is. */
+function results(rows) {
+  const split = (value) => /^(-?[\d.]+(?:e[-+]?\d+)?) ?([^±]*?)(?: ± (\d+) mm)?$/.exec(value)?.slice(1) ?? [value, "", ""];
+  return [["result", "value", "unit", "expected error [mm]", "what it is"], ...rows.map(([name, value, what]) => [name, ...split(value).map((cell) => cell ?? ""), what])];
 }
 
 /* A frame of equal scales. */

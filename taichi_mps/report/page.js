@@ -142,6 +142,10 @@ async function begin() {
 
 async function write() {
   data.charts.forEach((each) => chart(each, element("charts")));
+  const name = (what) => `${document.title} ${what}`.replace(/[^\w-]+/g, "-");
+  const table = [...document.querySelectorAll("#results tr")].map((row) => [...row.cells].map((cell) => cell.textContent));
+  element("save-curves").onclick = () => save(name("curves"), columns(data.charts));
+  element("save-results").onclick = () => save(name("results"), results(table));
   try {
     state.meshes = await decoded();
     const { middle } = data.section;

@@ -1,6 +1,6 @@
 // The page: which test, its form, preview and run. All that is set stands in the address.
 
-import {ask, by, en206, h, icon, inTime, listen, told} from "./ask.js";
+import {ask, by, en206, h, icon, inTime, listen, question, told, unitOf} from "./ask.js";
 import {Calibrate} from "./calibrate.js";
 import {Runs} from "./runs.js";
 import {Stage} from "./stage.js";
@@ -104,7 +104,7 @@ function control(field) {
   }
   const shown = {id, "data-field": field.name, placeholder: field.usual, "aria-describedby": `${id}-wrong`, spellcheck: "false"};
   const made = h("input", {...shown, inputmode: field.unit ? "decimal" : "text", oninput: changed});
-  const row = h("div.field", {title: field.help}, label, made, h("span.unit", {}, field.unit), h("p.wrong", {id: `${id}-wrong`}));
+  const row = h("div.field", {title: field.help}, label, made, h("span.unit", {}, unitOf(field, "")), h("p.wrong", {id: `${id}-wrong`}), h("p.asked"));
   if (field.ends) {
     const slide = (event) => {
       const [low, high] = field.ends, value = low * (high / low) ** (event.target.value / 1000);
@@ -121,6 +121,11 @@ function write(name, text) {
   const input = by(`field-${name}`), field = fields().find((it) => it.name === name);
   if (!input) return;
   if (document.activeElement !== input) input.value = text;
+  const row = input.closest(".field"), asked = row.querySelector(".asked");
+  if (asked) {
+    row.querySelector(".unit").textContent = unitOf(field, text);
+    question(field, text, asked, (words) => { input.value = words; set(name, words); });
+  }
   const slider = document.querySelector(`[data-slider="${name}"]`);
   if (!slider || document.activeElement === slider) return;
   const [low, high] = field.ends, kilo = /k(Pa|\s)/.test(text) ? 1000 : 1;
