@@ -67,7 +67,7 @@ class Overlay:
             self.lines([points], FAINT)
             at, side, width = self.camera.project(points), self.unit * np.array(side), max(1, round(1.5 * self.unit))
             j, i = np.clip(at[:, :2].astype(int), 0, np.array(self.image.size) - 1).T
-            seen = np.flatnonzero(at[:, 2] < self.depth[i, j])
+            seen = np.flatnonzero((at[:, 2] < self.depth[i, j]) | (low[1] == high[1]))  # none is behind a plane body
             for k, p in zip(ticks[seen].astype(int), at[seen, :2], strict=True):
                 self.pen.line([tuple(p), tuple(p + (5 if k % 2 else 9) * side)], fill=FAINT, width=width)
                 if k % 2 == 0:
