@@ -165,7 +165,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         for row in rows.all():
             row.locator('[type="checkbox"]').check()
         one.press("compare")
-        one.part("curves").locator("polyline").nth(1).wait_for()
+        one.part("curves").locator("svg").first.locator("path").nth(1).wait_for()
         assert (
             one.page.get_by_role("cell", name="500 Pa").is_visible()
             and one.page.get_by_role("cell", name="900 Pa").is_visible()
