@@ -71,7 +71,8 @@ function chart({ unit, curves, along = "time [s]", title, legend = true }, place
     const nearest = (xs) => xs.reduce((best, value, i) => (Math.abs(value - wanted) < Math.abs(xs[best] - wanted) ? i : best), 0);
     const k = nearest(first), px = x(first[k]);
     mark.setAttribute("x1", px); mark.setAttribute("x2", px);
-    read.textContent = `${first[k]}: ${curves.map((c) => c.y[nearest(c.x)] ?? "-").join(", ")} ${unit}`.trimEnd();
+    const digits = (value) => (value === null ? "-" : Number(value.toPrecision(3)));
+    read.textContent = `${digits(first[k])}: ${curves.map((c) => digits(c.y[nearest(c.x)])).join(", ")} ${unit}`.trimEnd();
     drawing.classList.add("reading");
   };
   drawing.onpointerleave = () => drawing.classList.remove("reading");

@@ -247,6 +247,25 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
         assert tab.wrong == []
 
 
+@needs_chromium
+def test_a_length_asks_for_its_unit_and_the_tests_are_one_stop_of_the_keyboard(tmp_path):
+    with serving(tmp_path) as (port, server), chromium() as browser:
+        tab = Tab(browser, port, "#wall")
+        tab.page.locator("#more").evaluate("details => { details.open = true }")
+        units = tab.page.locator(".field", has=tab.page.locator("#field-height")).locator(".unit")
+        assert tab.field("rate").get_attribute("placeholder") == "720 l/min" and units.inner_text() == ""
+        tab.set(height="40")
+        assert units.inner_text() == "m"
+        tab.page.get_by_role("button", name="40 cm?").click()
+        assert tab.field("height").input_value() == "40 cm" and units.inner_text() == "", "a unit stands once"
+        assert "height=40+cm" in tab.page.url and tab.page.locator(".asked button").count() == 0
+        assert tab.page.locator('#tests a[tabindex="0"]').count() == 1
+        tab.page.locator('[data-test="wall"]').focus()
+        tab.page.keyboard.press("ArrowRight")
+        assert tab.page.evaluate("document.activeElement.dataset.test") == "printing"
+        assert tab.wrong == []
+
+
 def test_a_resident_answers_is_started_again_when_it_dies_and_ends_when_nobody_asks():
     async def said(resident, **values):
         return [part async for part in resident.ask({"test": "slump", "values": values})]
