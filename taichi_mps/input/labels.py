@@ -101,6 +101,7 @@ RESULTS = {  # key: (name, what it is)
     "near_m": ("level below the hose", "mean height of the concrete at that end of the form"),
     "far_m": ("level at the far end", "mean height of the concrete at that end of the form"),
     "filled_ratio": ("filled", "fraction of the form's volume"),
+    "above_m3": ("above the form", "volume of the concrete above its rim"),
     "void_m3": ("empty", "volume of the form that is not filled, that above the concrete included"),
     "torque_N_m": ("torque", "of the fluid against what turns"),
     "steady_torque_N_m": ("steady torque", "mean over the last quarter of the time"),

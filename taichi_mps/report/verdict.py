@@ -48,6 +48,7 @@ FULL, EMPTY = (
     0.97,
     0.05,
 )  # fraction of what is poured from which a form is full; of its height below which an end is empty
+SPILT = 0.02  # fraction of what was poured, above which a form of any shape overflows
 ENDS = {"near_m": "hose", "far_m": "far end"}  # levels of a form, and where they are
 
 
@@ -71,6 +72,12 @@ def filling(found: dict, known: dict) -> str:
     told = [f", the {place} is empty" for level, place in levels if level < EMPTY * rim]
     over = "; the concrete stands {:.0f} cm above the rim at the {}: it overflows"
     told += [over.format(100.0 * (level - rim), place) for level, place in levels if level > rim + spare]
+    if (
+        not levels
+        and found["stopped_by"] == "rest"
+        and found.get("above_m3", 0.0) > SPILT * found.get("poured_m3", inf)
+    ):
+        told += [f"; {written('above_m3', found['above_m3'])} stand above the rim: it overflows"]
     return f"{fills}: {100.0 * ratio:.0f} % after {found['simulated_seconds']:.3g} s{''.join(told)}"
 
 

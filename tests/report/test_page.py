@@ -318,6 +318,12 @@ FORM = {"height": 0.4, "fill_ratio": 0.95, "spacing": 0.02}
             "Does not fill: 56 % after 10.6 s, the far end is empty; the concrete stands 6 cm above the rim at the "
             "hose: it overflows.",
         ),
+        (
+            "wall",
+            {"form": "pit.stl", "fill_ratio": 0.95},
+            {"filled_ratio": 0.7, "above_m3": 2e-3, "poured_m3": 0.02, "stopped_by": "rest"},
+            "Does not fill: 70 % after 10.6 s; 2 l stand above the rim: it overflows.",
+        ),
         ("wall", FORM, {"filled_ratio": 0.94, "near_m": 0.39, "far_m": 0.36}, "Fills: 94 % after 10.6 s."),
     ],
 )
