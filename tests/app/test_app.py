@@ -263,6 +263,11 @@ def test_a_length_asks_for_its_unit_and_the_tests_are_one_stop_of_the_keyboard(t
         tab.page.locator('[data-test="wall"]').focus()
         tab.page.keyboard.press("ArrowRight")
         assert tab.page.evaluate("document.activeElement.dataset.test") == "printing"
+        frames = "frames: [{t: 0, x: [90, 10, 1]}, {t: 1, x: [10, 30, 1]}], film: 0.5"
+        scene = "scene: {periodic: true, low: [0, 0], high: [1, 1], unit: 0.01}"  # a period of 100
+        between = f"Stage.prototype.now.call({{{frames}, {scene}}})"
+        x = tab.page.evaluate(f"import('/static/stage.js').then(({{Stage}}) => [...{between}.x])")
+        assert x == [100.0, 20.0, 1.0], "the nearer way, across the end of the period"
         assert tab.wrong == []
 
 
