@@ -26,8 +26,8 @@ def rows(parameters: dict, fields: dict) -> list[tuple[str, str]]:
 
 
 def shown(value, unit: str) -> str:
-    """Format a value with its unit; lengths below 10 cm in mm, below 1 m in cm, flow rates in l/min, times from 2 min on
-    in min."""
+    """Format a value with its unit; lengths below 10 cm in mm, below 1 m in cm, flow rates in l/min, times from
+    2 min on in min."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if not isinstance(value, float | int):
