@@ -90,8 +90,8 @@ function save(name, rows) {
 
 /* Rows of a CSV file from charts: the time once, then each curve; of another abscissa each with its own. */
 function columns(charts) {
-  const found = charts.flatMap(({ unit, curves, along }, k) =>
-    curves.flatMap((c, i) => [...(along || k + i === 0 ? [[along ?? "time [s]", ...c.x]] : []), [`${c.name}${unit ? ` [${unit}]` : ""}`, ...c.y]]));
+  const found = charts.flatMap(({ unit, curves, along, title }, k) =>
+    curves.flatMap((c, i) => [...(along || k + i === 0 ? [[along ?? "time [s]", ...c.x]] : []), [along ? `${c.name}: ${title}` : `${c.name}${unit ? ` [${unit}]` : ""}`, ...c.y]]));
   return Array.from({ length: Math.max(...found.map((column) => column.length)) }, (_, row) => found.map((column) => column[row] ?? ""));
 }
 
