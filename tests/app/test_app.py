@@ -457,7 +457,9 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
         report = answer(port, "/runs/run/report.html")
         assert (report.status, report.headers["Content-Disposition"]) == (200, 'attachment; filename="run-report.html"')
         alone = answer(port, "/report/run")
-        assert alone.headers["Content-Security-Policy"].startswith("sandbox allow-scripts; default-src 'unsafe-inline'")
+        assert alone.headers["Content-Security-Policy"].startswith(
+            "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline'"
+        )
         assert "script" not in answer(port).headers["Content-Security-Policy"], "none but those of the page itself"
         shown = {f"run/{name}": 200 for name in ("summary.json", "frames/frame_00000.png")}
         shown |= dict.fromkeys((*OUTSIDE, "run/frame_00000.png", "run/history.csv"), 404)
