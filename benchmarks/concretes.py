@@ -55,7 +55,7 @@ def calibrated() -> str:
     measured_mixes.write(found, file)
     file.write_text(f"# {points.stamp()}\n{file.read_text(encoding='utf-8')}", encoding="utf-8")
     lines = [line.strip().split(" ", 1) for line in measured_mixes.tally(found).splitlines()]
-    return f"{points.table(['mixes', 'come out as'], lines)}\n\n{with_friction(found)}"
+    return f"{points.table(['mixes', 'result'], lines)}\n\n{with_friction(found)}"
 
 
 def with_friction(found) -> str:
@@ -65,9 +65,9 @@ def with_friction(found) -> str:
     known = [sum(row[f"{name}_found"] is not None for name in ("yield_value", "friction_angle")) for row in some]
     angles = [row["friction_angle_found"] for row in some if row["friction_angle_found"] is not None]
     text = f"Of the {len(some)} with internal friction both constants are determined in {known.count(2)}, one in "
-    text += f"{known.count(1)}, the others are bounded; the angles found are {min(angles):.0f} to {max(angles):.0f} "
+    text += f"{known.count(1)}, of the others limits; the angles found are {min(angles):.0f} to {max(angles):.0f} "
     usual = sum(row["plastic_viscosity_found"] == VISCOSITY for row in some)
-    return text + f"degrees. {usual} are explained at {VISCOSITY:g} Pa s, the others at 20 or 200 Pa s only."
+    return text + f"degrees. {usual} are fitted at {VISCOSITY:g} Pa s, the others at 20 or 200 Pa s only."
 
 
 def of_table(test: str, *others) -> np.ndarray:

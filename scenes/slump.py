@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 import taichi_mps as mps
-from taichi_mps.units import Duration, Length, Speed
+from taichi_mps.units import Duration, Length, Speed, in_smaller_unit
 
 TALLEST = 3.0  # [m]; a cone beyond was given in centimetres
 BASE, FLOOR = 0.1, 0.37  # radii [m] of the standard cone, and of a floor for it; half as much room is around that
@@ -89,7 +89,7 @@ def scene(
     that is wanted, the cheapest model and spacing measured to reach it are taken where they are not given. The floor is
     as large as the mix can flow, unless ``floor_radius`` is given; the room for it is half as large again."""
     if height > TALLEST:
-        raise mps.SceneError(f"height = {height:g} m: must be at most {TALLEST:g} m; 300mm and 30cm are lengths, too")
+        raise mps.SceneError(f"height = {height:g} m: must be at most {TALLEST:g} m{in_smaller_unit(height, TALLEST)}")
     if lift_speed is not None and model in ("half", "quarter"):
         allowed = f"a mould that is lifted needs model = full or axisymmetric, not {model}"
         raise mps.SceneError(f"lift_speed = {lift_speed:g} m/s: {allowed}")

@@ -317,7 +317,7 @@ else:
     Size = Annotated[real("m", gt=0.0, le=1e9), AfterValidator(partial(at_least, 1e-12, "m"))]
     Time = real("s", ge=0.0, le=1e9)
     Instant = real("s", ge=-1e9, le=1e9)
-    Length = real("m", "0.3 or 300mm for 300 mm", gt=0.0, le=100.0)
+    Length = real("m", gt=0.0, le=100.0)
     Position = real("m", ge=-1000.0, le=1000.0)
     Duration = Annotated[real("s", gt=0.0, le=1e6), AfterValidator(partial(at_least, INSTANT, "s"))]
     Density = real("kg/m3", DENSITY_HINT, ge=LIGHTEST, le=HEAVIEST)
@@ -331,7 +331,7 @@ else:
     RotationSpeed = real("rpm", "turns a minute", gt=0.0, le=1e4)
     Angle = real("deg", ge=0.0, lt=90.0)
     Ratio = real("-", gt=0.0, le=1.0)
-    RadiusRatio = real("l0", ge=1.6, le=4.1)
+    RadiusRatio = real("-", ge=1.6, le=4.1)
     Count = Annotated[int, Field(ge=1, le=100000), Unit("-"), BeforeValidator(no_number_in_disguise)]
     Flag = Annotated[bool, BeforeValidator(truth)]
     Arch = Annotated[Literal["cpu", "cuda", "vulkan"], BeforeValidator(no_metal)]
@@ -402,6 +402,12 @@ def suggestion(key, known) -> str:
     return f", did you mean '{close[0]}'?" if close else ""
 
 
+def in_smaller_unit(number: float, most: float) -> str:
+    """Return '; add a unit: 18 cm' for a length [m] beyond the largest that was meant in cm, or in mm from 100 on."""
+    unit, size = ("cm", 0.01) if number < 100.0 else ("mm", 0.001)
+    return f"; add a unit: {number:g} {unit}" if number * size <= most else ""
+
+
 def explain(error: ValidationError, model: type[Checked]) -> dict[str, str]:
     """Describe every violation by its key as 'key = value unit: what is allowed'.
 
@@ -419,6 +425,9 @@ def explain(error: ValidationError, model: type[Checked]) -> dict[str, str]:
             kind, allowed = "length", f"must be {len(get_args(model.model_fields[key].annotation))} values"
         elif kind.startswith(("greater", "less")):
             allowed += (f" {unit}" if unit else "") + (f" ({known.hint})" if known.hint else "")
+            most = next((item["ctx"][key] for key in ("le", "lt") if key in item["ctx"]), None)
+            if unit == "m" and most is not None:
+                allowed += in_smaller_unit(float(item["input"]), most)
         shown = " ".join(str(item["input"])[:1000].split())[:MAX_CHARACTERS] or "''"  # on one line
         if not isinstance(item["input"], str) or without_unit(item["input"]) or kind == "finite_number":
             shown += f" {unit}" if unit else ""

@@ -12,6 +12,7 @@ from ..units import plain, unit_of
 FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "accuracy")  # fields that lead their group
 SLIDERS = {"yield_value": (10.0, 2000.0), "plastic_viscosity": (1.0, 500.0)}  # ranges for usual concrete, SI units
 SLIDER_RATIO = 20.0  # where a default is near an end of that range or outside: ends of the slider over it, or inverse
+OWN_UNIT = "m", "m3/s"  # whose defaults are shown with a unit of their own: cm, mm, l/min
 SWITCH = {"no": False, "yes": True}
 PREVIEW_MODELS = {  # {test with a preview: {keyword: value in the preview, None to leave out that of the form}}
     "slump": dict.fromkeys(("spacing", "lift_speed", "accuracy", "floor_radius")) | {"model": "axisymmetric"},
@@ -64,7 +65,7 @@ def field_facts(name: str, field) -> dict:
         "name": name,
         "label": in_words(name),
         "unit": unit,
-        "usual": "" if default is None else shown(default, unit if unit == "m" else ""),
+        "usual": "" if default is None else shown(default, unit if unit in OWN_UNIT else ""),
         "default": default,
         "help": f"{field.description or keyword_description(name)} {allowed(field)}".strip(),
         "words": words if not unit else [],

@@ -11,21 +11,34 @@ from itertools import chain
 from pathlib import Path
 from urllib.parse import quote
 
-import numpy as np
-
 from ..input.labels import STOP_REASONS, in_words, is_measure, mix_in_words, title, written
 from ..io import lock
 from ..io.history import read_history
 from ..io.run_folder import MARKER_FILE, REPORT, RunFolder, next_free, read_json
 from ..report import inputs
-from ..report.sentences import LEADING, closing, cost, main_results, measures, result_sentences, rows
+from ..report.drawings import charts
+from ..report.sentences import (
+    EXPECTED,
+    LEADING,
+    closing,
+    cost,
+    main_results,
+    measures,
+    result_sentences,
+    rows,
+    verdicts,
+)
 from ..units import SceneError, plain, require
 from .jobs import Job, Queue
 
 NO_SUMMARY = "runs, was cut off, or is of an older version"
-MAX_LINES, MAX_CHARACTERS, MAX_POINTS = 200, 1000, 300  # of a table; of a text of a run folder; of a curve
-SAVED = {REPORT: "report", "summary.json": "numbers", "history.csv": "curves", "case.toml": "case"}  # in words
-NO_NUMBERS = "slump_expected_error_m", "spread_expected_error_m"
+MAX_LINES, MAX_CHARACTERS = 200, 1000  # of a table; of a text of a run folder
+SAVED = {
+    REPORT: "report",
+    "summary.json": "numbers as JSON",
+    "history.csv": "curves as CSV",
+    "case.toml": "case",
+}  # in words
 BIN = ".bin"  # in the folder of the runs
 ENDED_WELL, RESUMABLE_ENDS = ("rest", "unyielded", "time"), (None, "interrupted")  # values of ``stopped_by``
 
@@ -103,11 +116,12 @@ def row(folder: RunFolder) -> dict:
         words = {
             "test": in_words(summary["scene"]),
             "mix": mixes(summary),
+            "verdict": " ".join(verdicts(summary)),
             "result": main_results(summary),
             "end": end_of(summary),
         }
         leading = {key: summary[key] for key in LEADING if isinstance(summary.get(key), float)}
-        errors = {key: summary.get(key.replace("_m", "_expected_error_m")) for key in ("slump_m", "spread_m")}
+        errors = {key: summary.get(key.replace("_m", EXPECTED)) for key in ("slump_m", "spread_m")}
         facts |= {key: text_of(text) for key, text in words.items()}
         return facts | {"whole": summary["stopped_by"] in ENDED_WELL, "numbers": numbers(leading), "errors": errors}
     except Exception as error:  # a folder may come from anybody
@@ -162,11 +176,11 @@ class Runs:
         }
 
     def compare(self, query) -> dict:
-        """Comparison of runs: keywords that differ, results, and slump curves."""
+        """Comparison of runs: keywords that differ, results, and curves."""
         folders = list(map(self.named, query.names))
         known = {text_of(folder.path.name): summary for folder in folders if (summary := summary_of(folder))}
         lines = [[text_of(cell) for cell in line] for line in beside(list(known.values()))][:MAX_LINES]
-        return {"head": list(known), "lines": lines, "curves": list(filter(None, map(curve, folders)))}
+        return {"head": list(known), "lines": lines, "curves": list(map(curves, folders))}
 
     # ---- changes -----------------------------------------------------------------------------------------------
     def resume(self, query) -> None:
@@ -211,7 +225,7 @@ class Runs:
         name = plain(folder.path.name)
         require(not folder.path.is_symlink(), f"run = {name}: is a link to a run; it is left alone")
         busy = any(job.folder and job.folder.path == folder.path for job in self.queue.jobs if not job.finished)
-        require(not busy, f"run = {name}: goes on; stop it first")
+        require(not busy, f"run = {name}: is running; stop it first")
         with lock.held(folder.path):
             pass
         os.rename(folder.path, to)
@@ -221,7 +235,7 @@ def numbers(measures: dict) -> dict:
     """Measures by key: value or None, value as text, and name."""
     shown = {}
     for key, value in measures.items():
-        if is_measure(key) and key not in NO_NUMBERS:
+        if is_measure(key) and not key.endswith(EXPECTED):
             there = value is not None and math.isfinite(value)
             shown[key] = [value if there else None, written(key, value) if there else "not reached", title(key)]
     return shown
@@ -235,6 +249,7 @@ def facts_of(number: int, job: Job) -> dict:
     return {
         "id": number,
         "title": job.title,
+        "test": job.scene,
         "state": job.state,
         "stopping": job.stopping,
         "message": message if job.state == "failed" else "",
@@ -257,13 +272,8 @@ def beside(summaries: list[dict]) -> list[tuple[str, ...]]:
     return lines + [(name, *(found.get(name, "-") for found in results)) for name in dict.fromkeys(chain(*results))]
 
 
-def curve(folder: RunFolder) -> dict | None:
-    """Slump [cm] of a run over time [s]; None if it has none."""
-    try:
-        history = read_history(folder.history)
-    except SceneError:
-        return None
-    points = np.stack([history["time_s"], 100.0 * history["slump_m"]], 1)
-    points = points[np.isfinite(points[:, 1])]
-    sampled = points[np.unique(np.linspace(0, len(points) - 1, MAX_POINTS).astype(int))] if len(points) else points
-    return {"name": text_of(folder.path.name), "points": sampled.tolist()} if len(sampled) else None
+def curves(folder: RunFolder) -> dict:
+    """Charts of a run as in its report; none of one without a history."""
+    with suppress(SceneError):
+        return {"name": text_of(folder.path.name), "charts": charts(read_history(folder.history))}
+    return {"name": text_of(folder.path.name), "charts": []}

@@ -24,6 +24,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from ..io.run_folder import PICTURE_NAME, REPORT, RunFolder, strict
+from ..report.page import PAGE_PARTS
 from ..units import SceneError, plain
 from .form import wrong
 from .jobs import Queue
@@ -44,7 +45,8 @@ COMMON_HEADERS = {
 }
 # of a report, which may come from anybody: an origin of its own, that reaches nothing
 REPORT_POLICY = (
-    "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; connect-src 'none'; frame-ancestors 'none'"
+    "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' data: blob:; connect-src 'none'; "
+    "frame-ancestors 'none'"
 )
 
 
@@ -116,6 +118,9 @@ def routes(page: Page) -> list[Route]:
     async def start(request: Request):
         return FileResponse(STATIC / "index.html")
 
+    async def drawing(request: Request):
+        return FileResponse(PAGE_PARTS / "charts.js")
+
     def run_of(request: Request) -> str:
         return os.fsdecode(unquote_to_bytes(request.scope["raw_path"].split(b"/")[2]))  # which need be no UTF-8
 
@@ -143,6 +148,7 @@ def routes(page: Page) -> list[Route]:
 
     return [
         Route("/", start),
+        Route("/charts.js", drawing),
         Mount("/static", StaticFiles(directory=STATIC)),
         Route("/runs/{name}/{file:path}", run_file),
         Route("/report/{name}", report),

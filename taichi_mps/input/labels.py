@@ -36,7 +36,14 @@ KEYWORDS = {  # descriptions of keywords of many scenes
     "lift_speed": "speed at which the mould or gate is lifted, by default gone at once",
     "sides": "upright walls without friction (smooth) or to which concrete sticks (rough)",
 }
-KEYWORD_TEXTS = {"yield_value": "yield stress", "spacing": "particle size", "until": "time limit"}
+KEYWORD_TEXTS = {
+    "yield_value": "yield stress",
+    "spacing": "particle size",
+    "until": "time limit",
+    "structuration": "growth of the yield stress at rest",
+    "destructuration": "loss of that growth by shear",
+    "sleep": "skip what stands still",
+}
 OPTIONS = {  # names of options by keyword
     "yield_value": "yield-stress",
     "spread": "slump-flow",
@@ -59,8 +66,6 @@ RESULTS = {  # key: (name, what it is)
         "as EN 12350-2 reads it; less than at the axis, as JIS A 1101, where a rim is higher",
     ),
     "spread_m": ("slump flow", "mean of perpendicular diameters in all directions"),
-    "slump_expected_error_m": ("error of the slump", "to be expected, by measured errors of mixes around this one"),
-    "spread_expected_error_m": ("error of the slump flow", "to be expected likewise"),
     "t500_s": ("T500", "time until the slump flow is 50 cm"),
     "flow_ratio": ("flow", "growth of the diameter over that of the mould, ASTM C1437"),
     "flow_class_number": ("flow class F", "1 to 6 of EN 206, by the flow after the last jolt to 10 mm"),
@@ -87,8 +92,8 @@ RESULTS = {  # key: (name, what it is)
     "grains_passed_number": ("grains beyond", "the bars' far side, or out of the opening, with their centre"),
     "mortar_passed_ratio": ("mortar beyond", "fraction of its volume that is there"),
     "grains_top_ratio": ("grains in the top third", "fraction of them, of the depth where they are"),
-    "grains_middle_ratio": ("grains in the middle third", "likewise"),
-    "grains_bottom_ratio": ("grains in the bottom third", "likewise"),
+    "grains_middle_ratio": ("grains in the middle third", "fraction of them, of the depth where they are"),
+    "grains_bottom_ratio": ("grains in the bottom third", "fraction of them, of the depth where they are"),
     "flow_time_s": ("flow time", "until light is seen through the outlet"),
     "half_time_s": ("half time", "until half of the concrete has left the funnel"),
     "left_m3": ("left in the funnel", "what has not yet flowed out"),
@@ -96,6 +101,7 @@ RESULTS = {  # key: (name, what it is)
     "near_m": ("level below the hose", "mean height of the concrete at that end of the form"),
     "far_m": ("level at the far end", "mean height of the concrete at that end of the form"),
     "filled_ratio": ("filled", "fraction of the form's volume"),
+    "above_m3": ("above the form", "volume of the concrete above its rim"),
     "void_m3": ("empty", "volume of the form that is not filled, that above the concrete included"),
     "torque_N_m": ("torque", "of the fluid against what turns"),
     "steady_torque_N_m": ("steady torque", "mean over the last quarter of the time"),
@@ -112,7 +118,7 @@ RESULTS = {  # key: (name, what it is)
     "first_collapse_number": ("first layer to collapse", "counted from 1 at the floor; 0: none"),
     "poured_m3": ("poured", "what has come out of the hose"),
     "poured_m3_per_m": ("poured", "what has come out of the hose, of a metre of a section"),
-    "pour_delay_s": ("delay of the pour", "for want of room below the hose"),
+    "pour_delay_s": ("delay of the pour", "hose blocked by concrete"),
 }
 RESULT_GROUPS = {  # meanings of results by the beginning of their names
     "force_": "of the fluid on this wall and its images",

@@ -49,8 +49,8 @@ function path(xs, ys, x, y) {
 
 const span = (rows) => rows.flat().reduce(([a, b], v) => (v === null ? [a, b] : [Math.min(a, v), Math.max(b, v)]), [Infinity, -Infinity]);
 
-/* Curves of one unit; what the pointer is at stands at the right of the title. */
-function chart({ unit, curves, along = "time [s]", title }, place) {
+/* Curves of one unit; what the pointer is at stands below, clear of the curves. */
+function chart({ unit, curves, along = "time [s]", title, legend = true }, place) {
   const name = title ?? (curves.length > 1 ? `[${unit}]` : `${curves[0].name}${unit ? ` [${unit}]` : ""}`);
   const [low, high] = span(curves.map((c) => c.y)), [x0, x1] = span(curves.map((c) => c.x));
   const { drawing, x, y } = frame(440, 230, [x0, x1], [Math.min(0, low), 1.03 * high || 1], along, name);
@@ -58,25 +58,47 @@ function chart({ unit, curves, along = "time [s]", title }, place) {
   curves.forEach((curve, k) => {
     const colour = COLOURS[k % COLOURS.length];
     drawing.append(svg("path", { d: path(curve.x, curve.y, x, y), fill: "none", stroke: colour, "stroke-width": 2 }));
-    if (curves.length < 2) return;
+    if (curves.length < 2 || !legend) return;
     drawing.append(svg("line", { x1: from, x2: from + 14, y1: 8, y2: 8, stroke: colour, "stroke-width": 3 }));
     drawing.append(svg("text", { x: from + 18, y: 12 }, curve.name));
     from += 30 + 6.4 * curve.name.length;
   });
-  const mark = svg("line", { y1: 20, y2: 194, class: "mark" }), read = svg("text", { y: 34, class: "read" });
+  const mark = svg("line", { y1: 20, y2: 194, class: "mark" }), read = svg("text", { x: 2, y: 227, class: "read" });
   drawing.append(mark, read);
   drawing.onpointermove = (event) => {
     const box = drawing.getBoundingClientRect(), at = ((event.clientX - box.left) / box.width) * 440, first = curves[0].x;
     const wanted = x0 + ((at - 46) / (440 - 56)) * (x1 - x0);
-    const k = first.reduce((best, value, i) => (Math.abs(value - wanted) < Math.abs(first[best] - wanted) ? i : best), 0), px = x(first[k]);
+    const nearest = (xs) => xs.reduce((best, value, i) => (Math.abs(value - wanted) < Math.abs(xs[best] - wanted) ? i : best), 0);
+    const k = nearest(first), px = x(first[k]);
     mark.setAttribute("x1", px); mark.setAttribute("x2", px);
-    read.setAttribute("x", px < 240 ? px + 6 : px - 6);
-    read.setAttribute("text-anchor", px < 240 ? "start" : "end");
-    read.textContent = `${first[k]}: ${curves.map((c) => `${c.y[k] ?? "-"}${unit ? ` ${unit}` : ""}`).join(", ")}`;
+    const digits = (value) => (value === null ? "-" : Number(value.toPrecision(3)));
+    read.textContent = `${digits(first[k])}: ${curves.map((c) => digits(c.y[nearest(c.x)])).join(", ")} ${unit}`.trimEnd();
     drawing.classList.add("reading");
   };
   drawing.onpointerleave = () => drawing.classList.remove("reading");
   place.append(drawing);
+}
+
+/* Rows of cells as a CSV file that is downloaded. */
+function save(name, rows) {
+  const quoted = (cell) => (/[",\n]/.test(cell) ? `"${String(cell).replaceAll('"', '""')}"` : cell);
+  const text = rows.map((row) => `${row.map(quoted).join(",")}\n`).join(""), link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+  link.download = `${name}.csv`;
+  link.click();
+}
+
+/* Rows of a CSV file from charts: the time once, then each curve; of another abscissa each with its own. */
+function columns(charts) {
+  const found = charts.flatMap(({ unit, curves, along, title }, k) =>
+    curves.flatMap((c, i) => [...(along || k + i === 0 ? [[along ?? "time [s]", ...c.x]] : []), [along ? `${c.name}: ${title}` : `${c.name}${unit ? ` [${unit}]` : ""}`, ...c.y]]));
+  return Array.from({ length: Math.max(...found.map((column) => column.length)) }, (_, row) => found.map((column) => column[row] ?? ""));
+}
+
+/* Cells of a table of results: name, number, unit, expected error [mm], what it is. */
+function results(rows) {
+  const split = (value) => /^(-?[\d.]+(?:e[-+]?\d+)?) ?([^±]*?)(?: ± (\d+) mm)?$/.exec(value)?.slice(1) ?? [value, "", ""];
+  return [["result", "value", "unit", "expected error [mm]", "what it is"], ...rows.map(([name, value, what]) => [name, ...split(value).map((cell) => cell ?? ""), what])];
 }
 
 /* A frame of equal scales. */
@@ -88,14 +110,38 @@ function scaled(place, [x0, x1], [low, high], axes) {
 
 const cm = (values) => values.map((value) => (value === null ? null : 100 * value));
 
-/* The section at the end: particles and the surface. */
-function cross(section, place) {
-  const [across, up, line] = [cm(section.across), cm(section.up), section.surface.map(cm)];
+/* Closed lines [x, z] in which a mesh meets the plane y = middle, none of them below the floor. */
+function sliced({ at, triangles }, middle, floor) {
+  const ends = new Map(), places = new Map(), y = (i) => at[3 * i + 1] - middle || 1e-9;
+  for (let k = 0; k < triangles.length; k += 3) {
+    const keys = [0, 1, 2].flatMap((c) => {
+      const [i, j] = [triangles[k + c], triangles[k + ((c + 1) % 3)]].sort((a, b) => a - b), part = y(i) / (y(i) - y(j));
+      if (y(i) > 0 === y(j) > 0) return [];
+      places.set(`${i} ${j}`, [0, 2].map((d) => at[3 * i + d] + part * (at[3 * j + d] - at[3 * i + d])));
+      return [`${i} ${j}`];
+    });
+    keys.forEach((key, c) => ends.set(key, [...(ends.get(key) ?? []), keys[1 - c]]));
+  }
+  const lines = [], left = new Set([...places.keys()].sort((a, b) => ends.get(a).length - ends.get(b).length)); // loose ends first
+  for (let key of left) {
+    const line = [];
+    for (; key; key = ends.get(key).find((other) => left.has(other))) {
+      const [x, z] = places.get(key);
+      line.push([x, Math.max(z, floor ?? z)]);
+      left.delete(key);
+    }
+    lines.push(line);
+  }
+  return lines;
+}
+
+/* The section at the end: of a body the lines of its surface, of a plane one its particles. */
+function cross(section, lines, place) {
+  const [across, up] = lines ? [0, 1].map((k) => lines.flatMap((line) => [...line, line[0], [null, null]].map((at) => at[k] && 100 * at[k]))) : [cm(section.across), cm(section.up)];
   const { drawing, x, y } = scaled(place, span([across]), [Math.min(0, span([up])[0]), span([up])[1]], section.axes);
-  drawing.append(svg("path", { d: path(across, up, x, y), class: "particles" }));
-  drawing.append(svg("path", { d: path(...line, x, y), fill: "none", stroke: "#c43e26", "stroke-width": 2 }));
+  drawing.append(svg("path", { d: path(across, up, x, y), class: lines ? "body" : "particles" }));
   place.append(drawing);
-  element("plane").textContent = `Equal scales. ${section.place[0].toUpperCase()}${section.place.slice(1)}${line[0].length ? "; red: the surface" : ""}.`;
+  element("plane").textContent = `Equal scales. ${section.place[0].toUpperCase()}${section.place.slice(1)}.`;
 }
 
 /* What of a form is filled, from red (empty) to grey. */

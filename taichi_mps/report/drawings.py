@@ -4,12 +4,11 @@ is filled of a form."""
 import base64
 import re
 import zlib
-from dataclasses import replace
 from itertools import groupby, pairwise
 
 import numpy as np
 
-from ..engine import Snapshot, embed, frame_between, still, surface
+from ..engine import Snapshot, embed, frame_between, still
 from ..input.labels import in_words, title, unit_of_measure
 from ..units import SceneError
 from ..viz.body import SECTORS, profile, smooth_surface
@@ -23,7 +22,6 @@ MAX_POSITION_CODE = 4095  # largest code of a position
 MAX_SPEED_CODE, FLOWING_BIT = 127, 128  # largest code of a speed; bit of flowing particles
 MAX_POINTS = 400  # of a curve
 AT_HEIGHT = re.compile(r"(.+)_at_(\d+)mm_Pa")  # a pressure at a height
-SECTION_HALF_WIDTH = 0.75  # of the slice around the middle plane that is shown, over the particle size
 CORNERS = 12  # of the polygon that is drawn for a particle
 
 
@@ -108,54 +106,21 @@ def rounded(values) -> list:
 
 # ---- the middle plane at the end -------------------------------------------------------------------------------
 def section(part: Snapshot, scene) -> dict:
-    """Particles near the middle plane of a body, drawn as polygons, and the surface above them, from its computed part.
-
-    ``across`` and ``up`` [m] are corners of polygons, with None between two, along ``axes``; ``surface``: two lists,
-    across and up [m], empty in a level plane; ``place``: description of the plane."""
-    x, size, middle = middle_section(part, scene)
+    """Section at the end, along ``axes``: of a body in space the page draws where its surface meets the upright plane
+    y = ``middle`` [m]; a plane one has its particles as polygons, corners ``across`` and ``up`` [m] with None between
+    two, and no ``middle``. ``place``: description of what is shown."""
     level = scene.dimension == 2 and not scene.gravity_vector.any()
-    angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
-    corners = x[:, None] + 0.5 * size[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
-    closed = np.concatenate([corners, np.full((len(x), 1, 2), np.nan)], axis=1).reshape(-1, 2)
-    return {
-        "across": rounded(closed[:, 0]),
-        "up": rounded(closed[:, 1]),
-        "axes": ("x [cm]", "y [cm]") if level else ("across [cm]", "height [cm]"),
-        "surface": [[], []] if level else [rounded(values) for values in surface_line(part, scene, x, size).T],
-        "place": "particles, seen from above"
-        if level
-        else f"particles near the upright plane y = {round(100.0 * middle, 2) + 0.0:g} cm",
-    }
-
-
-def surface_line(part: Snapshot, scene, x, size):
-    """Line (k, 2) [m] of the surface in the middle plane: the outline of a body of revolution, else the highest
-    particle at each place, of particles at x (n, 2) with these sizes (n,)."""
-    line = profile(scene, part)
-    if line is None and not len(x):  # a path that has not come to the plane yet
-        return np.empty((0, 2))
-    if line is None:
-        ticks = np.arange(x[:, 0].min(), x[:, 0].max() + 1e-12, 0.5 * part.spacing)
-        heights = surface(replace(still(x, part.spacing), size=size), ticks[:, None])
-        top = np.stack([ticks, heights], -1)
-        if not scene.mould:  # else down to the floor, before the outermost particles
-            return top
-        edge, foot = 0.5 * part.spacing, x[:, 1].min() - 0.5 * size.max()
-        return np.vstack([(ticks[0] - edge, foot), top, (ticks[-1] + edge, foot)])
-    points, _, parts = line
-    pieces = np.insert(points.x[parts], 2, np.nan, axis=1)  # with a gap after each
-    return np.concatenate([pieces, pieces * (-1.0, 1.0)]).reshape(-1, 2)
-
-
-def middle_section(part: Snapshot, scene):
-    """Positions (n, 2) [m] near the middle plane of the whole body, their sizes (n,) [m], and y of the plane [m]."""
-    if scene.axisymmetric:
-        return np.concatenate([part.x, part.x * (-1.0, 1.0)]), np.tile(part.size, 2), 0.0
-    whole, start = scene.unfold(part), embed(scene.unfold(still(scene.reach, part.spacing)).x)
-    middle = 0.5 * (start[:, 1].min() + start[:, 1].max())
-    x = embed(whole.x)
-    near = np.abs(x[:, 1] - middle) < SECTION_HALF_WIDTH * part.spacing
-    return x[near][:, [0, 2]], whole.size[near], middle
+    axes = ("x [cm]", "y [cm]") if level else ("across [cm]", "height [cm]")
+    if scene.dimension == 3 or scene.axisymmetric:
+        y = [0.0] if scene.axisymmetric else embed(scene.unfold(still(scene.reach, part.spacing)).x)[:, 1]
+        middle = 0.5 * float(np.min(y) + np.max(y))
+        place = f"the upright plane y = {round(100.0 * middle, 2) + 0.0:g} cm"
+        return {"axes": axes, "middle": middle, "place": place}
+    angle, whole = 2.0 * np.pi * np.arange(CORNERS) / CORNERS, scene.unfold(part)
+    corners = whole.x[:, None] + 0.5 * whole.size[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    closed = np.concatenate([corners, np.full((len(corners), 1, 2), np.nan)], axis=1).reshape(-1, 2)
+    place = f"particles{', seen from above' if level else ''}"
+    return {"across": rounded(closed[:, 0]), "up": rounded(closed[:, 1]), "axes": axes, "place": place}
 
 
 def filling(part: Snapshot, cavity) -> dict | None:

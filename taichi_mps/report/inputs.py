@@ -26,14 +26,17 @@ def rows(parameters: dict, fields: dict) -> list[tuple[str, str]]:
 
 
 def shown(value, unit: str) -> str:
-    """Format a value with its unit; lengths below 10 cm in mm, below 1 m in cm."""
+    """Format a value with its unit; lengths below 10 cm in mm, below 1 m in cm, flow rates in l/min, times from
+    2 min on in min."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if not isinstance(value, float | int):
         return str(value)
     if unit == "m" and abs(value) < 1.0:
         return f"{1e3 * value:.6g} mm" if abs(value) < 0.1 else f"{1e2 * value:.6g} cm"
-    return f"{value:.6g} {unit.strip('-')}".rstrip()
+    times = (1.0 / 60.0, "min") if unit == "s" and value >= 120.0 else (1.0, unit.strip("-"))
+    factor, unit = (6e4, "l/min") if unit == "m3/s" else times
+    return f"{factor * value:.6g} {unit}".rstrip()
 
 
 def command(source: str, summary: dict, every: float | None = None, until: float | None = None) -> str:

@@ -85,7 +85,7 @@ function pace() {
   const long = film.times.at(-1) - film.times[0];
   const speed = long < 1.2 ? [0.5, 0.25, 0.1, 0.05, 0.02, 0.01].find((value) => long / value >= 1.2) ?? 0.01 : [1, 2, 5, 10, 20, 50, 100, 200, 500].find((value) => long / value <= 12) ?? 1000;
   const words = { 1: "real time", 0.5: "half speed", 0.25: "quarter speed", 2: "double speed" };
-  return [speed, words[speed] ?? (speed > 1 ? `${speed} times the speed` : `1/${Math.round(1 / speed)} of the speed`)];
+  return [speed, words[speed] ?? `${speed}x speed`];
 }
 
 function play(on) {
@@ -121,7 +121,6 @@ async function begin() {
   const size = Math.max(...subtract(data.high, data.low));
   const tick = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1].find((value) => value >= size / 14) ?? 2;
   state.viewer = new Viewer(canvas, [data.low, data.high], { floor: data.floor, tick, flat: data.dimension === 2 });
-  state.meshes = await decoded();
   document.body.classList.add("moving");
   element("time").max = film.times.length - 1;
   element("time").oninput = () => { play(false); show(Number(element("time").value)); };
@@ -143,9 +142,15 @@ async function begin() {
 
 async function write() {
   data.charts.forEach((each) => chart(each, element("charts")));
-  cross(data.section, element("section"));
-  if (data.filling) filled(data.filling, element("section"));
+  const name = (what) => `${document.title} ${what}`.replace(/[^\w-]+/g, "-");
+  const table = [...document.querySelectorAll("#results tr")].map((row) => [...row.cells].map((cell) => cell.textContent));
+  element("save-curves").onclick = () => save(name("curves"), columns(data.charts));
+  element("save-results").onclick = () => save(name("results"), results(table));
   try {
+    state.meshes = await decoded();
+    const { middle } = data.section;
+    cross(data.section, middle === undefined ? null : sliced(state.meshes.at(-1), middle, data.floor), element("section"));
+    if (data.filling) filled(data.filling, element("section"));
     await begin();
   } catch (error) { // without WebGL or DecompressionStream the picture stays
     element("why").textContent = `This browser shows no moving film (${error.message}); the picture is the end of the run.`;

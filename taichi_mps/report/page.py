@@ -98,6 +98,7 @@ def page_texts(run, film: dict) -> dict[str, str]:
         "title": safe(summary.get("title") or name or in_words(str(summary["scene"]))),
         "meta": safe(", ".join([*dates(run), *map(mix_in_words, (summary.get("materials") or [])[:1])])),
         "note": f'<p class="remark">{safe(summary["note"])}</p>' if summary.get("note") else "",
+        "verdict": safe(" ".join(sentences.verdicts(summary) if run.ended else [])),
         "lead": safe(f"{measured[:-1]}; {sentences.ending(summary, mixes=False)}" if run.ended else measured),
         "doubts": "\n".join(f'<p class="doubt">{safe(text)}</p>' for text in doubts(run)),
         "about": safe(" ".join(view_notes(film, run.scene))),

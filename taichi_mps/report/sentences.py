@@ -20,9 +20,11 @@ from ..input.labels import (
 )
 from ..io.history import COLUMNS
 from ..units import plain
+from .verdict import verdict
 
-OTHER_ERRORS = " This is the error of the computation; the test's own and that of the constants come to it."
+OTHER_ERRORS = " Scatter of the test and uncertainty of the constants are extra."
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
+EXPECTED = "_expected_error_m"  # end of the name of the error of a result
 MEASURED = "slump_m", "spread_m"  # measures that are columns of every history
 # Thickness of a bar over the spacing; by how much its resistance is too little in a viscous fluid, and too much in a
 # Bingham fluid with tau_y D/(eta U) = 10 [%]: beside the exact drag, and beside bars four particles thick, in square
@@ -33,13 +35,18 @@ PASSING = "grains_number", "grains_passed_number", "mortar_passed_ratio"
 # which fewer are not by accident; fraction beyond the bars up to which nothing passes
 MIN_PASSING_RATIO, SIGNIFICANCE, NEGLIGIBLE_FRACTION = 0.5, 0.01, 0.01
 # names of parts of a run other than their keys
-PARTS = {"ready": "making ready", "pictures": "last pictures", "report": "pictures and report"}
+PARTS = {"ready": "compiling", "pictures": "last pictures", "report": "pictures and report"}
 
 
 def result_sentences(summary: dict) -> list[str]:
-    """Sentences on the flow of a run: its results, the reason of its end, doubts, expected errors."""
+    """Sentences on the flow of a run: the verdict, its results, the reason of its end, doubts, expected errors."""
     known = [*doubts(summary), *thin_solids(summary), *grains(summary), certainty(summary)]
-    return [main_results(summary), *passing(summary), ending(summary), *known]
+    return [*verdicts(summary), main_results(summary), ending(summary), *known]
+
+
+def verdicts(summary: dict) -> list[str]:
+    """Sentences that come first: how many grains pass, and the verdict."""
+    return [*passing(summary), *filter(None, [verdict(summary)])]
 
 
 def closing(summary: dict, folder) -> list[str]:
@@ -54,9 +61,15 @@ def main_results(summary) -> str:
     results = [name for name, value in summary.items() if is_measure(name) and isinstance(value, float | int)]
     of_scene = [name for name in results if name in RESULTS or not name.startswith(tuple(RESULT_GROUPS))]
     found = ([name for name in LEADING if name in results] or of_scene or results)[:2]
-    text = ", ".join(f"{title(name)} {written(name, summary[name])}" for name in found)
+    text = ", ".join(f"{title(name)} {quoted(summary, name)}" for name in found)
     text = f"stopped before its end: {text}" if summary.get("stopped_by") == "interrupted" and found else text
     return f"{text[0].upper()}{text[1:]}." if found else "Nothing was measured."
+
+
+def quoted(summary, name: str) -> str:
+    """Format a result of a run with its unit, and with its expected error where that is known."""
+    error = summary.get(name.removesuffix("_m") + EXPECTED)
+    return written(name, summary[name]) + (f" ± {max(1.0, 1e3 * error):.0f} mm" if error else "")
 
 
 def ending(summary, mixes=True) -> str:
@@ -139,12 +152,10 @@ def passing(summary) -> list[str]:
 def certainty(summary) -> str:
     """Sentence on the expected error from the table of measured errors, or that the table does not cover the run."""
     if summary.get("grains"):
-        return (
-            "How accurate this is is not known: no data with grains; compare it with other seeds and a smaller spacing."
-        )
+        return "No accuracy data with grains; compare it with other seeds and a smaller particle size."
     found = accuracy.errors_of_run(summary)
     if found is None:
-        return "How accurate this is was not measured for such a run; compare it with one of half the particle size."
+        return "No accuracy data for this case; compare it with a run of half the particle size."
     mix, height, error = found
     lifted = (
         "; lifting the mould, beside finer particles and shorter steps"
@@ -153,9 +164,8 @@ def certainty(summary) -> str:
     )
     if error is None:
         return (
-            "This mix or particle size lies outside of those whose errors were measured, so how accurate this is is "
-            f"not known; the nearest mix that was measured is {accuracy.nearest(mix)} (standard cone). Compare it with "
-            "a run of half the particle size."
+            "No accuracy data for this mix or particle size; the nearest mix with data is "
+            f"{accuracy.nearest(mix)} (standard cone). Compare it with a run of half the particle size."
         )
     return (
         f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump flow within "
@@ -165,11 +175,12 @@ def certainty(summary) -> str:
 
 
 def cost(summary) -> str:
-    """Sentence on the time that a run took, in all and by its parts; a run of an earlier version has no parts."""
+    """Sentence on the time that a run took in all; a run of an earlier version, and a report, know no parts."""
     if "seconds_by_part" in summary:
-        return f"It took {duration_by_part(summary['seconds_by_part'], summary['all_cpu_seconds'])}."
-    cpu, start, wall = (summary[f"{key}_seconds"] for key in ("cpu", "compile", "wall"))
-    return f"It took {duration_text(wall)} ({duration_text(cpu + start)} of processor time)."
+        wall, cpu = sum(summary["seconds_by_part"].values()), summary["all_cpu_seconds"]
+    else:
+        wall, cpu = summary["wall_seconds"], summary["cpu_seconds"] + summary["compile_seconds"]
+    return f"It took {duration_text(wall)} ({duration_text(cpu)} of processor time)."
 
 
 def duration_by_part(seconds: dict, cpu_seconds: float) -> str:
@@ -199,11 +210,9 @@ def is_scene_measure(column: str) -> bool:
 def rows(summary) -> list[tuple[str, str, str]]:
     """Rows of a table of results: name, value with unit, and meaning."""
     return [
-        (title(key), "not reached" if value is None else written(key, value), meaning(key))
+        (title(key), "not reached" if value is None else quoted(summary, key), meaning(key))
         for key, value in summary.items()
-        if is_measure(key)
-        and (value is None or isinstance(value, float | int))
-        and not (value is None and key.endswith("expected_error_m"))
+        if is_measure(key) and (value is None or isinstance(value, float | int)) and not key.endswith(EXPECTED)
     ]
 
 
@@ -216,5 +225,7 @@ def numerics(summary) -> list[tuple[str, str]]:
         "left out": f"{summary['left_out']:.0%} of the particles, which stood still, mean of all steps",
         "volume error": f"{summary['volume_error']:.2%} at the end, at most {summary['volume_error_max']:.2%}",
     } | summary.get("numerics", {})
+    if "seconds_by_part" in summary:
+        facts["time"] = duration_by_part(summary["seconds_by_part"], summary["all_cpu_seconds"])
     unsaid = {"wall_loads"}  # forces are among the results; a scene may measure them by itself
     return [(in_words(key), str(value)) for key, value in facts.items() if key not in unsaid]

@@ -21,6 +21,7 @@ from ..units import (
     Viscosity,
     YieldValue,
     checked,
+    in_smaller_unit,
     require,
     unit_of,
 )
@@ -271,7 +272,7 @@ def check_measurements(test: Measurements, emulators: dict[str, Emulator]) -> No
         value, unit = getattr(test, key), unit_of(Measurements.model_fields[key])
         if value is not None and value >= largest:
             raise SceneError(
-                f"{key} = {value:g} {unit}: must be less than {largest:g} {unit}; 21cm and 5mm are lengths, too"
+                f"{key} = {value:g} {unit}: must be less than {largest:g} {unit}{in_smaller_unit(value, largest)}"
             )
         if value and least and value + 3.0 * test.error(key) < least:
             raise SceneError(f"{key} = {value:g} {unit}: must be more than {least:.3g} {unit}, {why}")

@@ -109,7 +109,7 @@ class FittedConstants:
         texts = []
         for constant in (it for it in gains if self.constants[it].bounded):
             others = [in_words(it) for it in gains if it != constant]
-            once = f" once {f'the {others[0]} is' if len(others) == 1 else 'the others are'} bounded" if others else ""
+            once = f" if the {' and the '.join(others)} {'is' if len(others) == 1 else 'are'} known" if others else ""
             texts.append(f"the {in_words(constant)}{once} (without it {gains[constant]:.1f} times as uncertain)")
         return " and ".join(texts) or "neither constant alone"
 
@@ -213,7 +213,7 @@ class FrictionalMix(Mix):
         if self.explains:
             return f"with internal friction one mix does {self.all_measurements}: {mix}"
         if self.within_tolerance:
-            return f"with internal friction {mix} does {self.all_measurements}, but its constants are not bounded"
+            return f"with internal friction {mix} does {self.all_measurements}, but its constants have no limits"
         missed = " and ".join(f"the {NAMES[name]} by {signed(name, by)}" for name, by in self.missed.items())
         return f"with internal friction not {self.all_measurements}: the nearest, {mix}, misses {missed}"
 
@@ -318,7 +318,7 @@ class Calibration(Mix):
         if self.finer:
             lines.append(f"the finer run      {differences} beside the table; the constants are corrected by it")
         ends = ", ".join(f"{in_words(name)} {self.constants[name].table_range()}" for name in self.at_the_edge)
-        edge = f"the best fit lies at the edge of the table ({ends}): what is bounded is so within it only"
+        edge = f"the best fit lies at the edge of the table ({ends}): limits hold within it only"
         lines = ([edge] if ends else []) + lines
         if self.friction:
             *first, last = [NAMES[name] for name in self.friction.measured]

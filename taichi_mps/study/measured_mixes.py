@@ -13,16 +13,16 @@ from .calibration import FRICTIONAL, NAMES, Calibration, is_time, rounded
 from .emulator import emulator_of
 from .tables import COLUMN_NAMES, ROW_ERROR, key_of, match_column
 
-EXPLAINED, BOUNDED, WITH_FRICTION = "explained", "bounded", "explained with internal friction"
-TWO_ANSWERS, FAR, REFUSED = "two answers", "not explained", "refused"
+EXPLAINED, BOUNDED, WITH_FRICTION = "fitted", "limit only", "fitted with internal friction"
+TWO_ANSWERS, FAR, REFUSED = "two answers", "not fitted", "refused"
 VERDICTS = {  # {verdict: its meaning}
     EXPLAINED: "one mix comes within 10 mm of the slump, 20 mm of the slump flow and 4 mm of the mini-cone, its yield "
     "stress is found",
-    BOUNDED: "the same, or no slump at all; the yield stress is bounded on one side",
+    BOUNDED: "a mix comes as near, or there was no slump; only a lower or an upper limit of the yield stress is found",
     WITH_FRICTION: "no Bingham mix, but one whose yield stress grows with the pressure comes within 10 mm of the slump "
-    "and 20 mm of the slump flow, and of T500 within its error; yield stress and friction angle are found or bounded",
+    "and 20 mm of the slump flow, and of T500 within its error; both constants are found, or limits of them",
     TWO_ANSWERS: "the tests contradict each other, slump and slump flow for example: what each says alone is given",
-    FAR: "no mix comes so near, or the yield stress is not bounded",
+    FAR: "no mix comes so near, or nothing limits the yield stress",
     REFUSED: "the measurement cannot be used, for the reason given",
 }
 OTHER_TESTS = {  # {beginning of a column's key: what this unused measurement is}
@@ -146,7 +146,7 @@ def calibrate_row(row: dict[str, str], study=None) -> dict:
         found = calibrate(**used, study=study, check=False)
         require(
             used is measured or found.yield_value.lower is not None,
-            "slump = 0 m: with its error it bounds no yield stress; slump_error must be smaller",
+            "slump = 0 m: with its error it limits no yield stress; slump_error must be smaller",
         )
     except (SceneError, ValueError) as error:
         return {**row, "verdict": REFUSED, "reason": " ".join(str(error).split())}

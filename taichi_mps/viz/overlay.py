@@ -67,7 +67,7 @@ class Overlay:
             self.lines([points], FAINT)
             at, side, width = self.camera.project(points), self.unit * np.array(side), max(1, round(1.5 * self.unit))
             j, i = np.clip(at[:, :2].astype(int), 0, np.array(self.image.size) - 1).T
-            seen = np.flatnonzero(at[:, 2] < self.depth[i, j])
+            seen = np.flatnonzero((at[:, 2] < self.depth[i, j]) | (low[1] == high[1]))  # none is behind a plane body
             for k, p in zip(ticks[seen].astype(int), at[seen, :2], strict=True):
                 self.pen.line([tuple(p), tuple(p + (5 if k % 2 else 9) * side)], fill=FAINT, width=width)
                 if k % 2 == 0:
@@ -125,4 +125,4 @@ def speed_in_words(speed: float) -> str:
     """Format the speed of a film relative to the flow in words."""
     words = {1.0: "real time", 0.5: "half speed", 0.25: "quarter speed", 2.0: "double speed"}
     near = next((name for value, name in words.items() if abs(speed / value - 1.0) < 0.01), None)
-    return near or (f"{speed:.3g} times the speed" if speed > 1.0 else f"1/{1.0 / speed:.3g} of the speed")
+    return near or f"{speed:.2g}x speed"

@@ -27,7 +27,8 @@ def view_volume(scene):
     planes = [wall for wall in scene.walls if isinstance(wall, Plane) and not wall.mirror]
     body, domain, touch = (low.copy(), high.copy()), (domain.min(0), domain.max(0)), 0.6 * scene.spacing
     for axis in range(scene.dimension - 1):  # of a plane through the axis, the first alone
-        room = np.inf if scene.periodic[axis] else 0.85 * (body[1][-1] - body[0][-1])
+        flat = scene.dimension == 2 and not (scene.axisymmetric or scene.inlets)  # which may run as far as it can
+        room = np.inf if scene.periodic[axis] or flat else 0.85 * (body[1][-1] - body[0][-1])
         across = [wall for wall in planes if abs(wall.normal[axis]) > 0.99]
         walls = [line[0, axis] for wall in across for line in with_mirror_images(scene, [wall.point])]
         low[axis] = max((w for w in walls if w < low[axis] + touch), default=max(low[axis] - room, domain[0][axis]))

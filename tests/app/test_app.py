@@ -165,7 +165,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         for row in rows.all():
             row.locator('[type="checkbox"]').check()
         one.press("compare")
-        one.part("curves").locator("polyline").nth(1).wait_for()
+        one.part("curves").locator("svg").first.locator("path").nth(1).wait_for()
         assert (
             one.page.get_by_role("cell", name="500 Pa").is_visible()
             and one.page.get_by_role("cell", name="900 Pa").is_visible()
@@ -244,6 +244,30 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
         tab.press("use")
         tab.page.locator('[data-test="slump"][aria-current]').wait_for()
         assert float(tab.field("yield_value").input_value()) == pytest.approx(float(value), rel=0.05)
+        assert tab.wrong == []
+
+
+@needs_chromium
+def test_a_length_asks_for_its_unit_and_the_tests_are_one_stop_of_the_keyboard(tmp_path):
+    with serving(tmp_path) as (port, server), chromium() as browser:
+        tab = Tab(browser, port, "#wall")
+        tab.page.locator("#more").evaluate("details => { details.open = true }")
+        units = tab.page.locator(".field", has=tab.page.locator("#field-height")).locator(".unit")
+        assert tab.field("rate").get_attribute("placeholder") == "720 l/min" and units.inner_text() == ""
+        tab.set(height="40")
+        assert units.inner_text() == "m"
+        tab.page.get_by_role("button", name="40 cm?").click()
+        assert tab.field("height").input_value() == "40 cm" and units.inner_text() == "", "a unit stands once"
+        assert "height=40+cm" in tab.page.url and tab.page.locator(".asked button").count() == 0
+        assert tab.page.locator('#tests a[tabindex="0"]').count() == 1
+        tab.page.locator('[data-test="wall"]').focus()
+        tab.page.keyboard.press("ArrowRight")
+        assert tab.page.evaluate("document.activeElement.dataset.test") == "printing"
+        frames = "frames: [{t: 0, x: [90, 10, 1]}, {t: 1, x: [10, 30, 1]}], film: 0.5"
+        scene = "scene: {periodic: true, low: [0, 0], high: [1, 1], unit: 0.01}"  # a period of 100
+        between = f"Stage.prototype.now.call({{{frames}, {scene}}})"
+        x = tab.page.evaluate(f"import('/static/stage.js').then(({{Stage}}) => [...{between}.x])")
+        assert x == [100.0, 20.0, 1.0], "the nearer way, across the end of the period"
         assert tab.wrong == []
 
 
@@ -433,7 +457,9 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
         report = answer(port, "/runs/run/report.html")
         assert (report.status, report.headers["Content-Disposition"]) == (200, 'attachment; filename="run-report.html"')
         alone = answer(port, "/report/run")
-        assert alone.headers["Content-Security-Policy"].startswith("sandbox allow-scripts; default-src 'unsafe-inline'")
+        assert alone.headers["Content-Security-Policy"].startswith(
+            "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline'"
+        )
         assert "script" not in answer(port).headers["Content-Security-Policy"], "none but those of the page itself"
         shown = {f"run/{name}": 200 for name in ("summary.json", "frames/frame_00000.png")}
         shown |= dict.fromkeys((*OUTSIDE, "run/frame_00000.png", "run/history.csv"), 404)

@@ -56,7 +56,7 @@ def test_a_run_that_goes_on_is_left_alone(runs, tmp_path):
     with lock.held(tmp_path / "runs" / "one"), pytest.raises(SceneError, match="is writing there"):
         runs.delete(asked("one"))
     runs.queue.jobs.append(Job("two", ["run"], folder=runs.named("two"), state="waiting"))
-    with pytest.raises(SceneError, match="goes on"):
+    with pytest.raises(SceneError, match="is running"):
         runs.rename(asked("two", to="three"))
     assert {"one", "two"} <= set(os.listdir(tmp_path / "runs"))
 

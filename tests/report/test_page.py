@@ -4,24 +4,22 @@ import re
 import shlex
 import shutil
 import zlib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.measures import still
 from taichi_mps.forecast import accuracy
 from taichi_mps.input.labels import title, written
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.report import drawings, inputs, page, sentences
+from taichi_mps.report.verdict import verdict
 from taichi_mps.viz.body import surface_of
 from tests.support.browser import chromium, needs_chromium, opened
 from tests.support.child import child
-from tests.support.scenes import parts
 
 WORDS = "run slump --model quarter --spacing 0.02 --yield-value 500.0 --every 0.05 --until 0.4"
 
@@ -242,18 +240,94 @@ def test_the_first_sentence_tells_the_scenes_own_results_where_it_has_none_of_a_
     assert sentences.main_results({"stopped_by": "time", "cpu_seconds": 1.0, **summary}) == told
 
 
-def test_the_section_of_a_block_is_its_middle_layer():
-    scene = mps.Scene(**parts(3))
-    part = still(scene.fluid, scene.spacing)
-    x, size, _ = drawings.middle_section(part, scene)
-    assert len(x) == 25 and np.all(size == scene.spacing)
-    drawn = drawings.section(part, scene)
-    assert drawn["place"].endswith("y = 25 cm")
-    assert np.nanmax(np.array(drawn["across"], float)) == pytest.approx(0.5)
-    np.testing.assert_allclose(drawn["surface"][1], 0.5)
+@needs_chromium
+def test_the_section_is_where_the_surface_meets_the_middle_plane(tab):
+    """Closed lines on the mesh of the last output, none below the floor; of a cube of two triangles a side, a closed
+    square."""
+    lines = tab.evaluate("sliced(state.meshes.at(-1), data.section.middle, data.floor)")
+    x, z = np.transpose(max(lines, key=len))
+    assert np.ptp(x) == pytest.approx(
+        np.ptp(np.reshape(tab.evaluate("[...state.meshes.at(-1).at]"), (-1, 3))[:, 0]), rel=0.02
+    )
+    assert z.min() == tab.evaluate("data.floor") and tab.locator("#section .particles").count() == 0
+    at = [float(k) for corner in np.ndindex(2, 2, 2) for k in corner]
+    sides = [0, 1, 3, 0, 3, 2, 4, 7, 5, 4, 6, 7, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3]
+    (square,) = tab.evaluate(f"sliced({{at: {at}, triangles: {sides}}}, 0.25, null)")
+    (x, z), corners = np.transpose(square), {tuple(place) for place in square}
+    assert {(0, 0), (0, 1), (1, 0), (1, 1)} < corners and len(square) == len(corners)
+    assert 0.5 * abs(np.dot(x, np.roll(z, 1)) - np.dot(z, np.roll(x, 1))) == pytest.approx(1.0)
 
 
-def test_the_section_of_a_cone_ends_at_the_floor():
-    scene = mps.slump_cone(model="quarter", spacing=0.02)
-    (across, *_, end), (up, *_, down) = drawings.section(replace(still(scene.fluid, 0.02), time=1.0), scene)["surface"]
-    assert across == pytest.approx(-end) and up == down == pytest.approx(0.0, abs=1e-9)
+@needs_chromium
+def test_results_and_curves_are_saved_and_a_pointer_reads_them(run, tab):
+    summary, history = run.read_summary(), read_history(run.history)
+    files = []
+    for button in ("results", "curves"):
+        with tab.expect_download() as download:
+            tab.click(f"#save-{button}")
+        files.append(Path(download.value.path()).read_text().splitlines())
+    results, curves = ([line.split(",") for line in lines] for lines in files)
+    error = f"{max(1.0, 1e3 * summary['slump_expected_error_m']):.0f}"
+    assert results[1][:4] == ["slump", f"{100 * summary['slump_m']:.1f}", "cm", error]
+    assert curves[0] == ["time [s]", "slump [cm]", "slump flow [cm]", "fraction flowing [%]"]
+    assert [float(cell) for cell in curves[-1][:2]] == pytest.approx(
+        [history["time_s"][-1], 100 * summary["slump_m"]], rel=1e-4
+    )
+    chart = tab.locator("#charts svg").first
+    chart.hover(position={"x": chart.bounding_box()["width"] - 12, "y": 60})
+    read = re.split("[:,]", chart.locator(".read").text_content())
+    assert float(read[1]) == pytest.approx(100 * summary["slump_m"], rel=5e-3)  # three digits
+
+
+STANDARD = {"height": 0.3, "base_diameter": 0.2, "top_diameter": 0.1}
+FORM = {"height": 0.4, "fill_ratio": 0.95, "spacing": 0.02}
+
+
+@pytest.mark.parametrize(
+    ("scene", "known", "results", "told"),
+    [
+        (
+            "slump",
+            STANDARD,
+            {"slump_max_m": 0.194, "spread_m": 0.33},
+            "Class S4 of EN 206: slump at the highest point 19.4 cm.",
+        ),
+        ("slump", STANDARD, {"slump_max_m": 0.27, "spread_m": 0.655}, "Class SF2 of EN 206: slump flow 65.5 cm."),
+        ("slump", {}, {"slump_max_m": 0.194}, "Not at rest after 10.6 s."),
+        ("mini_cone", {}, {"spread_m": 0.3, "stopped_by": "rest"}, "At rest after 10.6 s."),
+        ("slump", STANDARD, {"slump_max_m": 0.194, "stopped_by": "interrupted"}, ""),
+        (
+            "l_box",
+            {"bars": "3"},
+            {"passing_ratio": 0.7},
+            "Does not pass: passing ratio H2/H1 0.700, EN 206 asks for 0.80.",
+        ),
+        (
+            "j_ring",
+            {},
+            {"blocking_step_m": 0.004},
+            "Passes as a fluid, without grains that jam: blocking step 0.4 cm, EN 206 allows 1 cm.",
+        ),
+        ("u_box", {"bars": "yes"}, {"h2_m": 0.25}, "Does not pass: height H2 25.0 cm, JSCE asks for 30 cm."),
+        ("v_funnel", {}, {"flow_time_s": None, "left_m3": 0.004}, "Does not run out: 4 l are left in the funnel."),
+        ("printing", {}, {"failure_height_m": 0.231, "height_m": 0.2}, "Collapses at 23.1 cm."),
+        ("printing", {}, {"failure_height_m": None, "height_m": 0.2}, "Stands: 20.0 cm high."),
+        (
+            "wall",
+            FORM,
+            {"filled_ratio": 0.56, "near_m": 0.46, "far_m": 0.0},
+            "Does not fill: 56 % after 10.6 s, the far end is empty; the concrete stands 6 cm above the rim at the "
+            "hose: it overflows.",
+        ),
+        (
+            "wall",
+            {"form": "pit.stl", "fill_ratio": 0.95},
+            {"filled_ratio": 0.7, "above_m3": 2e-3, "poured_m3": 0.02, "stopped_by": "rest"},
+            "Does not fill: 70 % after 10.6 s; 2 l stand above the rim: it overflows.",
+        ),
+        ("wall", FORM, {"filled_ratio": 0.94, "near_m": 0.39, "far_m": 0.36}, "Fills: 94 % after 10.6 s."),
+    ],
+)
+def test_the_verdict_says_what_a_client_asks(scene, known, results, told):
+    run = {"scene": scene, "parameters": known, "stopped_by": "time", "simulated_seconds": 10.6}
+    assert verdict(run | results) == told

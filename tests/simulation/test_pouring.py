@@ -201,8 +201,15 @@ def body(where=lambda x: np.full(len(x), True)):
 def test_a_lattice_fills_a_form_and_a_hole_in_it_is_a_void():
     """The volume of a void is that of the hole less half a cell at each of its faces, which the particles around it
     reach."""
+    report = FORM.report(measure.still(mps.lattice(BOX[0], (0.12, 0.08, 0.12), 0.01), 0.01))
+    assert report["above_m3"] == pytest.approx(0.12 * 0.08 * 0.02)
     report = FORM.report(body())
-    assert report["filled_ratio"] == 1.0 and report["void_m3"] == 0.0 and report["void_centre"] is None
+    assert (
+        report["above_m3"] == 0.0
+        and report["filled_ratio"] == 1.0
+        and report["void_m3"] == 0.0
+        and report["void_centre"] is None
+    )
     low, n = np.array([0.03, 0.02, 0.04]), 4
     hole = body(lambda x: ~np.all((x > low) & (x < low + n * 0.01), axis=1))
     report = FORM.report(hole)

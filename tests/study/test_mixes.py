@@ -108,7 +108,7 @@ def test_the_command_writes_table_and_chart_and_overwrites_nothing(tmp_path, cap
     assert (both["yield_value_from"], known["yield_value_from"]) == ("mini-cone flow", "rheometer")
     assert both["verdict"] == known["verdict"] == EXPLAINED and none["verdict"] == word["verdict"] == REFUSED
     assert "has no measurement" in none["reason"] and word["reason"].startswith("slump = soft")
-    assert "2 explained" in capsys.readouterr().out
+    assert "2 fitted" in capsys.readouterr().out
     assert (tmp_path / "mixes-calibrated.png").is_file()
     assert main(command) == 2 and "is there already" in capsys.readouterr().err
 
@@ -119,7 +119,7 @@ def test_the_chart_joins_each_mix_with_its_model(found, monkeypatch):
     monkeypatch.setattr(chart, "_save", lambda figure, out: figure)
     (axes,) = chart.mixes_chart(found, "no.png").axes
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert labels == ["explained, measured", "two answers, measured"]
+    assert labels == ["fitted, measured", "two answers, measured"]
     *joints, measured, model = (line.get_xydata() for line in axes.lines[:4])  # of the first verdict
     assert measured == pytest.approx(np.array([[17.99, 31.93], [10.15, 26.56]]))
     assert model.shape == measured.shape and 0.0 < np.abs(model - measured).max() < 2.0

@@ -124,7 +124,7 @@ def test_glass_tints_what_is_behind_it_and_nothing_before_it(before):
 
 @pytest.mark.parametrize(
     ("speed", "words"),
-    [(1.0, "real time"), (0.5, "half speed"), (0.2, "1/5 of the speed"), (5.0, "5 times the speed")],
+    [(1.0, "real time"), (0.5, "half speed"), (0.46, "0.46x speed"), (5.0, "5x speed")],
 )
 def test_a_film_says_its_speed(speed, words):
     assert overlay.speed_in_words(speed) == words

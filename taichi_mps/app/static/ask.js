@@ -73,6 +73,25 @@ export function inTime(seconds) {
   return `${Math.max(1, Number(seconds.toPrecision(2)))} s`;
 }
 
+// The unit in which a text of a field is taken: none beside one that has its own.
+export function unitOf(field, text) {
+  const shown = text.trim() || field.usual;
+  return /^[-+\d.,\s]*$/.test(shown) ? field.unit : "";
+}
+
+// A length without a unit that is far too large in metres, as it was meant: "18 cm"; or "".
+export function meant(field, text) {
+  const number = Number(text.replace(",", "."));
+  if (field.unit !== "m" || !text.trim() || !(number >= 20 * (field.default || 0.15))) return "";
+  return `${number} ${number < 100 ? "cm" : "mm"}`;
+}
+
+// The question for what was meant, as a button below a field; ``take`` gets the text with its unit.
+export function question(field, text, place, take) {
+  const words = meant(field, text);
+  place.replaceChildren(words && h("button.quiet", {type: "button", onclick: () => take(words)}, `${words}?`));
+}
+
 // Class of a slump or a slump flow [m] by EN 206, which is read to the nearest 10 mm.
 export function en206(key, value) {
   const read = 10 * Math.round(100 * value);

@@ -1,10 +1,10 @@
 // The mix of measured tests: the answer first, then one picture, then the reasons.
 
-import {ask, h, listen, told} from "./ask.js";
+import {ask, h, listen, question, told, unitOf} from "./ask.js";
 import {Stage} from "./stage.js";
 
 const FIRST = ["slump", "spread", "t500", "mini_cone", "v_funnel"];
-const FIRST_WORDS = "The yield stress and the plastic viscosity that fit come here.";
+const FIRST_WORDS = "Results appear here.";
 
 export class Calibrate {
   constructor(place, measurements, go) {
@@ -15,7 +15,7 @@ export class Calibrate {
       const shown = {id, "data-field": `calibrate-${field.name}`, placeholder: field.usual || "–", "aria-describedby": `${id}-wrong`};
       this.inputs[field.name] = h("input", {...shown, inputmode: "decimal", oninput: (event) => this.set(field.name, event.target.value)});
       return h("div.field", {title: field.help}, h("label", {for: id}, field.label), this.inputs[field.name],
-        h("span.unit", {}, field.unit), h("p.wrong", {id: `${id}-wrong`}));
+        h("span.unit", {}, unitOf(field, "")), h("p.wrong", {id: `${id}-wrong`}), h("p.asked"));
     };
     const [first, others] = [measurements.filter((it) => FIRST.includes(it.name)), measurements.filter((it) => !FIRST.includes(it.name))];
     this.check = h("input", {type: "checkbox", checked: true, id: "finer"});
@@ -39,10 +39,18 @@ export class Calibrate {
   show(values) {
     this.values = values;
     for (const [name, input] of Object.entries(this.inputs)) if (document.activeElement !== input) input.value = values[name] || "";
+    for (const field of this.measurements) this.unit(field, values[field.name] || "");
     if (!this.answer.textContent) this.answer.textContent = FIRST_WORDS;
   }
 
+  unit(field, text) {
+    const input = this.inputs[field.name], row = input.closest(".field");
+    row.querySelector(".unit").textContent = unitOf(field, text);
+    question(field, text, row.querySelector(".asked"), (words) => { input.value = words; this.set(field.name, words); });
+  }
+
   set(name, text) {
+    this.unit(this.measurements.find((field) => field.name === name), text);
     if (text.trim()) this.values[name] = text.trim();
     else delete this.values[name];
     document.getElementById(`measured-${name}-wrong`).textContent = "";
@@ -58,7 +66,7 @@ export class Calibrate {
       return;
     }
     this.mark({});
-    this.answer.replaceChildren(h("p", {}, "At work …"), h("progress"));
+    this.answer.replaceChildren(h("p", {}, "Calibrating …"), h("progress"));
     this.figure.hidden = this.button.disabled = true;
     this.reasons.replaceChildren();
     const answer = await ask("calibrate", {values: this.values, check: this.check.checked});

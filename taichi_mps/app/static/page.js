@@ -1,6 +1,6 @@
 // The page: which test, its form, preview and run. All that is set stands in the address.
 
-import {ask, by, en206, h, icon, inTime, listen, told} from "./ask.js";
+import {ask, by, en206, h, icon, inTime, listen, question, told, unitOf} from "./ask.js";
 import {Calibrate} from "./calibrate.js";
 import {Runs} from "./runs.js";
 import {Stage} from "./stage.js";
@@ -76,6 +76,7 @@ function choose(name, values) {
   for (const field of fields()) write(field.name, state.values[field.name] || "");
   by("headline").textContent = test().help;
   by("nothing").replaceChildren(icon(name), h("p", {}, "This test has no preview. What a run of it takes is told beside the button."));
+  for (const link of by("tests").children) link.tabIndex = link.dataset.page === name ? 0 : -1;  // one stop of the keyboard
   document.querySelector("#tests a[aria-current]")?.scrollIntoView({block: "nearest", inline: "nearest"});
   look();
 }
@@ -103,7 +104,7 @@ function control(field) {
   }
   const shown = {id, "data-field": field.name, placeholder: field.usual, "aria-describedby": `${id}-wrong`, spellcheck: "false"};
   const made = h("input", {...shown, inputmode: field.unit ? "decimal" : "text", oninput: changed});
-  const row = h("div.field", {title: field.help}, label, made, h("span.unit", {}, field.unit), h("p.wrong", {id: `${id}-wrong`}));
+  const row = h("div.field", {title: field.help}, label, made, h("span.unit", {}, unitOf(field, "")), h("p.wrong", {id: `${id}-wrong`}), h("p.asked"));
   if (field.ends) {
     const slide = (event) => {
       const [low, high] = field.ends, value = low * (high / low) ** (event.target.value / 1000);
@@ -120,6 +121,11 @@ function write(name, text) {
   const input = by(`field-${name}`), field = fields().find((it) => it.name === name);
   if (!input) return;
   if (document.activeElement !== input) input.value = text;
+  const row = input.closest(".field"), asked = row.querySelector(".asked");
+  if (asked) {
+    row.querySelector(".unit").textContent = unitOf(field, text);
+    question(field, text, asked, (words) => { input.value = words; set(name, words); });
+  }
   const slider = document.querySelector(`[data-slider="${name}"]`);
   if (!slider || document.activeElement === slider) return;
   const [low, high] = field.ends, kilo = /k(Pa|\s)/.test(text) ? 1000 : 1;
@@ -141,7 +147,7 @@ function set(name, text) {
   checking++;  // an answer under way is of the mix before
   state.known = {space: state.known?.space};  // the forecast is of the mix before, as are numbers and body
   button();
-  for (const id of ["numbers", "stage"]) by(id).dataset.old = "";
+  for (const id of ["verdict", "numbers", "stage"]) by(id).dataset.old = "";
   mark(name, "");
   source("");
   clearTimeout(resting);
@@ -166,7 +172,7 @@ async function forecast() {
   by("forecast").replaceChildren(...(known.lines || []).map((text) => h("p", {}, text)));
   button();
   if (known.wrong && state.mode === "preview") numbers({}, {}, "");
-  else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, "From the tables of calibrate.");
+  else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, "Estimate; preview is coming.");
   if (!test().preview && !known.wrong)
     by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
 }
@@ -198,7 +204,7 @@ async function preview() {
   try {
     for await (const part of listen("preview", {test: test().name, values: state.values}, call.signal)) {
       if (call.signal.aborted) return;
-      if (part.preparing && !state.computed) source("The preview is being made ready, some seconds at the first time.");
+      if (part.preparing && !state.computed) source("Compiling …");
       if (part.remark) notice(part.remark);
       if (part.wrong) source("");
       if (part.stage) stage.begin(part.stage), delete by("stage").dataset.old;
@@ -212,7 +218,7 @@ async function preview() {
         stage.finish(time);
         state.computed = true;
         by("stage").dataset.result = Math.round(performance.now() - start);
-        const known = Object.keys(errors).length ? "± by the measured errors of such a preview" : "its error was not measured";
+        const known = Object.keys(errors).length ? "± by the measured errors of such a preview" : "no accuracy data";
         const size = `particles of ${Number((1000 * spacing).toPrecision(3))} mm`;
         const end = {rest: "", time: ", still moving", diverged: ", which this preview cannot follow to its end"}[ended] ?? "";
         numbers(m, errors, `Preview, a section with ${size}${end}; ${known}.${last ? "" : " It is being refined."}`);
@@ -223,7 +229,8 @@ async function preview() {
   }
 }
 
-function numbers(m, errors, words) {
+function numbers(m, errors, words, verdict = "") {
+  by("verdict").textContent = verdict;
   const cells = Object.entries(m).filter(([key]) => key !== HIGHEST).slice(0, 4).map(([key, [value, text, name]]) => {
     const read = key === "slump_m" ? m[HIGHEST]?.[0] : value;  // EN 12350-2 reads the highest point
     const off = errors[key], kind = read == null || !standard() ? "" : en206(key, read);
@@ -233,7 +240,7 @@ function numbers(m, errors, words) {
       h("span.off", {}, small), kind && h("span.class", {title: by206}, kind));
   });
   by("numbers").replaceChildren(...cells);
-  delete by("numbers").dataset.old;
+  for (const id of ["verdict", "numbers"]) delete by(id).dataset.old;
   source(words);
 }
 
@@ -292,7 +299,8 @@ async function tick() {
   const {jobs = [], last, lost} = await ask("jobs");
   if (lost) return;
   const before = state.job;
-  state.job = jobs.find((job) => job.state === "running") || jobs.find((job) => job.state === "waiting") || jobs.at(-1);
+  const own = jobs.filter((job) => job.test === test().name);  // Stop stands only where its test is shown
+  state.job = own.find((job) => job.state === "running") || own.find((job) => job.state === "waiting") || own.at(-1) || null;
   const {job} = state, over = job && ["done", "stopped", "failed"].includes(job.state);
   if (job && !over && !before && state.mode === "preview") mode("run");
   if (job && state.mode === "run") follow(job);
@@ -309,7 +317,7 @@ function follow(job) {
   const waits = job.state === "waiting";
   const about = job.left === null ? job.about : job.spent + job.left;
   const spent = `${Math.round(job.spent)} s${about ? ` of about ${inTime(Math.max(about, job.spent))}` : ""}`;
-  const where = job.flow === null ? "the program is being made ready" : `the concrete at ${job.flow.toFixed(2)} s. ${job.result}`;
+  const where = job.flow === null ? "Compiling …" : `the concrete at ${job.flow.toFixed(2)} s. ${job.result}`;
   if (!["done", "stopped", "failed"].includes(job.state)) {
     by("status").textContent = waits ? `${job.title}: waits until the one before is done` : `${spent}: ${where}`;
     by("bar").firstElementChild.style.width = `${100 * Math.min(1, about ? job.spent / about : 0)}%`;
@@ -317,7 +325,7 @@ function follow(job) {
     if (job.picture) by("picture").src = job.picture;
     by("picture").alt = job.title;
     source(job.title);
-    by("numbers").replaceChildren();
+    for (const id of ["verdict", "numbers"]) by(id).replaceChildren();
   }
 }
 
@@ -329,7 +337,7 @@ async function finished(job, last) {
   if (run.wrong) return source(`${job.title}: stopped before it began`);  // it has no folder yet
   if (run.film) by("picture").src = run.film;
   const stopped = job.state === "stopped";  // what it had reached by then is no result
-  numbers(stopped ? {} : run.numbers, run.errors, `${run.name}: ${run.mix}; ${run.end}${stopped ? `. ${run.result}` : ""}`);
+  numbers(stopped ? {} : run.numbers, run.errors, `${run.name}: ${run.mix}; ${run.end}${stopped ? `. ${run.result}` : ""}`, stopped ? "" : run.verdict);
 }
 
 // The last run with a result: whatever came later, it stays.
@@ -339,7 +347,7 @@ function lastRun(last) {
   if (!last) return;
   by("last").replaceChildren(
     ...(last.picture ? [h("img", {src: last.picture, alt: ""})] : []),
-    h("div", {}, h("b", {}, "Last run "), h("span", {}, last.result), h("p", {}, `${last.test}, ${last.mix}`)),
+    h("div", {}, h("b", {}, "Last run "), h("span", {}, `${last.verdict} ${last.result}`), h("p", {}, `${last.test}, ${last.mix}`)),
     h("a.button", {href: `#runs/${encodeURIComponent(last.name)}`, "data-action": "open"}, "open"),
     last.report && h("a.button", {href: last.report, target: "_blank", rel: "noopener"}, "report"),
   );
@@ -362,6 +370,10 @@ by("tests").append(...[...order, ...others].map((name) =>
       const mix = new URLSearchParams(typed ? given.map((key) => [key, state.values[key]]) : []);
       go(`#${name}${mix.size ? `?${mix}` : ""}`);
     }}, icon(name), h("span", {}, TESTS[name] || name))));
+by("tests").addEventListener("keydown", (event) => {
+  const next = {ArrowLeft: "previousElementSibling", ArrowRight: "nextElementSibling"}[event.key];
+  if (next && event.target[next]) event.preventDefault(), event.target[next].focus();
+});
 runs = new Runs(by("runs"), go);
 calibrate = new Calibrate(by("calibrate"), given.measurements || [], go);
 by("mix").addEventListener("submit", press);

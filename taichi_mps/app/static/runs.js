@@ -2,8 +2,6 @@
 
 import {ask, h, reason} from "./ask.js";
 
-const COLOURS = ["#1f77b4", "#d1611c", "#2a8f4d", "#8a4fb5", "#8c6d31", "#c2395b"];
-
 function size(bytes) {
   return bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${Number((bytes / 1e6).toPrecision(2))} MB`;
 }
@@ -29,7 +27,7 @@ export class Runs {
     this.notice.textContent = words || "";
   }
 
-  // What the address asks for: the list, one run, or several beside each other.
+  // What the address asks for: the list, one run, or a comparison of several.
   async show(page, name, names) {
     this.page = page;
     this.name = name;
@@ -84,7 +82,8 @@ export class Runs {
       run.picture ? h("img", {src: run.picture, alt: "", loading: "lazy"}) : h("span.none"),
       h("div.what", {}, h("a", {href: open}, run.name),
         h("p", {}, run.test ? `${run.test}, ${run.mix}` : "")),
-      h("div.found", {}, h("b", {}, run.result || ""), h("p", {}, run.runs ? "goes on" : run.end)),
+      h("div.found", {}, h("b", {}, run.verdict || run.result || ""),
+        run.verdict && h("p", {}, run.result), h("p", {}, run.runs ? "running" : run.end)),
       h("div.when", {}, date, h("p", {}, size(run.size))),
       h("div.do", {}, run.report && h("a.button", {href: run.report, target: "_blank", rel: "noopener"}, "report"),
         run.resumable && h("button", {type: "button", "data-action": "resume", onclick: () => this.change("resume", {names: [run.name]})}, "resume"),
@@ -123,6 +122,7 @@ export class Runs {
     const run = await ask("show", {names: [name]});
     if (run.wrong) return this.say(reason(run));
     const files = run.files.map(([words, at]) => h("a", {href: at, download: "", "data-file": words}, `save ${words}`));
+    files.push(h("button.quiet", {type: "button", "data-action": "csv", onclick: () => save(`${run.name}-results`, results(run.table))}, "save results as CSV"));
     this.detail.replaceChildren(
       h("h2", {}, run.name),
       h("div.sentences", {"data-part": "sentences"}, run.sentences.map((text) => h("p", {}, text))),
@@ -137,33 +137,21 @@ export class Runs {
     this.detail.replaceChildren(
       h("h2", {}, "Comparison"),
       facts.head.length ? table(["", ...facts.head], facts.lines) : h("p", {}, "None of them has a result."),
-      facts.curves.length ? h("figure", {"data-part": "curves"}, ...chart(facts.curves)) : "");
+      drawn(facts.curves));
   }
 }
 
-// Slump curves in one chart.
-function chart(curves) {
-  const w = 720, tall = 300, left = 46, bottom = 34, ns = "http://www.w3.org/2000/svg";
-  const right = Math.max(...curves.map(({points}) => points.at(-1)[0])), top = 1.05 * Math.max(1, ...curves.flatMap(({points}) => points.map(([, y]) => y)));
-  const x = (t) => left + ((w - left - 10) * t) / right, y = (v) => tall - bottom - ((tall - bottom - 10) * v) / top;
-  const make = (tag, given, text = "") => {
-    const made = document.createElementNS(ns, tag);
-    for (const [key, value] of Object.entries(given)) made.setAttribute(key, value);
-    made.textContent = text;
-    return made;
-  };
-  const svg = make("svg", {viewBox: `0 0 ${w} ${tall}`, class: "chart", role: "img", "aria-label": "slump over time"});
-  for (let k = 0; k <= 4; k++) {
-    svg.append(make("line", {x1: left, x2: w - 10, y1: y((top * k) / 4), y2: y((top * k) / 4), class: "grid"}));
-    svg.append(make("text", {x: left - 6, y: y((top * k) / 4) + 4, "text-anchor": "end"}, ((top * k) / 4).toFixed(1)));
-    svg.append(make("text", {x: x((right * k) / 4), y: tall - bottom + 16, "text-anchor": "middle"}, ((right * k) / 4).toPrecision(2)));
-  }
-  svg.append(make("text", {x: left + 4, y: 12}, "slump [cm]"), make("text", {x: w - 10, y: tall - 4, "text-anchor": "end"}, "time [s]"));
-  curves.forEach(({points}, k) => svg.append(make("polyline", {points: points.map(([t, v]) => `${x(t)},${y(v)}`).join(" "), fill: "none", stroke: COLOURS[k % 6], "stroke-width": 2})));
-  const legend = curves.map(({name}, k) => {
-    const mark = h("i.line");
-    mark.style.background = COLOURS[k % 6];
-    return h("span", {}, mark, name);
-  });
-  return [svg, h("figcaption", {}, legend)];
+// A chart of each result that the runs have, a curve for each run.
+function drawn(runs) {
+  const place = h("div", {"data-part": "curves"}), charts = new Map();
+  for (const {name, charts: own} of runs)
+    for (const {unit, curves} of own)
+      for (const curve of curves) {
+        const key = `${curve.name} ${unit}`;
+        if (!charts.has(key)) charts.set(key, {unit, title: `${curve.name}${unit ? ` [${unit}]` : ""}`, legend: false, curves: []});
+        charts.get(key).curves.push({...curve, name});
+      }
+  for (const each of charts.values()) chart(each, place);  // charts.js, as in a report
+  const legend = runs.map(({name}, k) => h("span", {}, h("i.line", {"data-colour": k % COLOURS.length}), name));
+  return charts.size ? h("figure", {}, h("figcaption", {}, legend), place) : "";
 }

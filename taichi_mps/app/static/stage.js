@@ -110,7 +110,7 @@ export class Stage {
     if (this.film < last.t) this.request();
     const over = this.end !== null && this.film >= last.t;
     if (this.caption) {
-      const pace = over ? "at rest" : this.speed > 1.05 ? `${Number(this.speed.toPrecision(2))} times as fast` : "real time";
+      const pace = over ? "at rest" : this.speed > 1.05 ? `${Number(this.speed.toPrecision(2))}x speed` : "real time";
       this.caption.textContent = `${this.film.toFixed(2)} s, ${this.resting === false && over ? "end" : pace}`;
     }
     if (this.again) this.again.hidden = !over;
@@ -121,8 +121,10 @@ export class Stage {
     const k = this.frames.findLastIndex((frame) => frame.t <= this.film);
     const [a, b] = [this.frames[Math.max(0, k)], this.frames[k + 1]];
     if (!b || b.x.length !== a.x.length) return a;
-    const part = (this.film - a.t) / (b.t - a.t);
-    return {m: part < 0.5 ? a.m : b.m, x: Float32Array.from(a.x, (value, j) => value + part * (b.x[j] - value))};
+    const part = (this.film - a.t) / (b.t - a.t), {scene} = this;
+    const round = scene.periodic ? (scene.high[0] - scene.low[0]) / scene.unit : Infinity;  // the nearer way across the period
+    const way = (from, to, along) => to - from - (along && round < Infinity ? round * Math.round((to - from) / round) : 0);
+    return {m: part < 0.5 ? a.m : b.m, x: Float32Array.from(a.x, (value, j) => value + part * way(value, b.x[j], j % 3 === 0))};
   }
 
   draw() {

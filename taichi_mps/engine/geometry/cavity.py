@@ -163,19 +163,22 @@ class Cavity:
         -------
         dict
             ``filled_ratio`` [-], of the cells, and no more than the particles in the form and above it are;
-            ``void_m3``, volume of the rest (m2 in two dimensions); ``void_centre`` [m] of the cells that are not
-            filled, None without one; ``filled_by_height``, pairs of height [m] and filled fraction [-] of the cells.
+            ``void_m3``, volume of the rest, and ``above_m3``, that of the fluid above the form (m2 in two dimensions);
+            ``void_centre`` [m] of the cells that are not filled, None without one;
+            ``filled_by_height``, pairs of height [m] and filled fraction [-] of the cells.
         """
         void, room = self.cells & ~self.filled(s), float(self.cells.sum() * np.prod(self.cell))
         inside = np.all(s.x >= self.low, axis=1) & np.all(s.x[:, :-1] <= self.high[:-1], axis=1)
         sides = np.broadcast_to(getattr(s, "size", self.spacing), len(s.x))[inside]
         ratio = min(1.0 - void.sum() / self.cells.sum(), (1.0 + 1e-9) * (sides ** len(self.shape)).sum() / room)
+        above = np.broadcast_to(getattr(s, "size", self.spacing), len(s.x))[s.x[:, -1] > self.high[-1]]
         places = np.argwhere(void)
         centre = np.array(self.low) + self.cell * (places.mean(0) + 0.5) if len(places) else None
         layers = np.transpose(self.by_height(s)).tolist()
         return {
             "filled_ratio": float(ratio),
             "void_m3": float((1.0 - ratio) * room),
+            "above_m3": float((above ** len(self.shape)).sum()),
             "void_centre": None if centre is None else centre.tolist(),
             "filled_by_height": [[z, fraction] for z, fraction in layers if not np.isnan(fraction)],
         }

@@ -610,13 +610,15 @@ def front(s: InstanceOf[Snapshot]) -> dict[str, float]:
     Returns
     -------
     dict
-        ``front_m``, the farthest reach along x [m]; ``height_m``, the highest point [m].
+        ``front_m``, the farthest reach along x [m]; ``height_m``, the highest point [m] at which it is three
+        particles wide.
 
     Notes
     -----
     The front is the end of the uniform distribution that has the mean and the variance of x of the foremost particles,
     four for each row along the flow. It is exact for an upright front and for a layer, and a single particle hardly
-    moves it. Particles with no other within 2 l0 are drops, not the body.
+    moves it. Particles with no other within 2 l0 are drops, not the body. What sticks to a wall above the body, a
+    particle thick, is not its height.
 
     Examples
     --------
@@ -631,9 +633,11 @@ def front(s: InstanceOf[Snapshot]) -> dict[str, float]:
     distances = np.linalg.norm(foremost[:, None] - foremost, axis=2) + 9.0 * s.spacing * np.eye(len(foremost))
     near = distances.min(axis=0) < 2.0 * s.spacing
     body = foremost[near | ~near.any(), 0][: 4 * rows]
+    z = np.sort(s.x[:, -1])
+    wide = z[np.arange(1, len(z) + 1) - np.searchsorted(z, z - 1.2 * s.spacing) >= 3 * rows]
     return {
         "front_m": float(body.mean() + np.sqrt(3.0 * (body.var() + s.spacing**2 / 12.0))),
-        "height_m": float(s.x[:, -1].max() + 0.5 * s.spacing),
+        "height_m": float((wide if len(wide) else z)[-1] + 0.5 * s.spacing),
     }
 
 

@@ -29,7 +29,12 @@ if TYPE_CHECKING:
 else:
     SceneText, SceneFunction = instance(str, "text"), instance(Callable, "a function")
     SceneFlag = instance(bool | np.bool_, "True or False")
-    SceneWalls = instance(Plane | Cylinder | Solid, "a tuple, each Plane or Cylinder or Solid", several=True)
+    SceneWalls = instance(
+        Plane | Cylinder | Solid,
+        "a tuple, each Plane or Cylinder or Solid; in place of a Box *mps.box_planes(low, high) holds fluid, "
+        "mps.Solid.of stands in it",
+        several=True,
+    )
 
 
 @validated

@@ -64,5 +64,5 @@ def filling(sim) -> dict:
         facts["pour_delay_s"] = max(pouring.delay for pouring in sim.pouring)
     if sim.scene.cavity:
         facts |= sim.scene.cavity.report(sim.snapshot())
-        facts["void_m3"] *= 2 ** len(sim.scene.mirrors)
+        facts |= {key: facts[key] * 2 ** len(sim.scene.mirrors) for key in ("void_m3", "above_m3")}
     return facts
