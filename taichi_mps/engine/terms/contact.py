@@ -239,7 +239,8 @@ class Contacts(Term):
                 # a slip that turns round sticks first: its force would flip from solve to solve
                 turns = self.stuck[c] == 0 and trial.dot(self.slip_force[c]) < 0.0
                 self.sticks[c] = ti.cast((size <= bound or turns) and bound > 0.0, ti.i32)
-                self.slip_force[c] = ti.select(turns, 0.0, ti.min(1.0, bound / ti.max(size, 1e-30))) * trial
+                back = self.slip_force[c] if turns else trial
+                self.slip_force[c] = back * ti.min(1.0, bound / ti.max(back.norm(), 1e-30))
 
     @stage("contacts")
     def change_residual(self, u: ti.template(), r: ti.template()):
