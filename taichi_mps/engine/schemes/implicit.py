@@ -57,7 +57,9 @@ class ImplicitScheme(Scheme):
         continues = not (self.assembles_again or walls.have_friction)
 
         self.rigid = NoOp("drift", "find", "project", "keep")
-        self.contacts = NoOp("find", "check", "load", "update", "change_residual", "add_loads", "load_state", state=dict)
+        self.contacts = NoOp(
+            "find", "check", "load", "update", "change_residual", "add_loads", "load_state", state=dict
+        )
         if scene.grains:
             self.rigid = self.term(Rigid, problem=problem)
             self.contacts = self.term(Contacts, grains=scene.grains)

@@ -214,8 +214,8 @@ class Contacts(Term):
             torque += self.rigid.extra[g] / self.step[None] * self.rigid.spin[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
                 n = self.normal[c]
-                v = self.wall_velocity[c] - self.opening(c) * n
-                f = self.resisted(c, v, self.presses[c], self.sticks[c])
+                known = self.wall_velocity[c] - self.opening(c) * n
+                f = self.resisted(c, known, self.presses[c], self.sticks[c])
                 if self.presses[c] == 1:
                     f += self.force[c] * n + self.slip_force[c]
                 force += f
@@ -301,8 +301,8 @@ class Contacts(Term):
                     A[a, b] = D[a, b]
                 self.add_block(g, A, self.rigid.arm[m])
             for c in range(g * self.most, g * self.most + self.number[g]):
-                nn = self.normal[c].outer_product(self.normal[c])
-                A = self.stiffness[c] * (self.presses[c] * nn + self.sticks[c] * (I - nn))
+                sticks, nn = self.sticks[c], self.normal[c].outer_product(self.normal[c])
+                A = self.stiffness[c] * ((self.presses[c] - sticks) * nn + sticks * I)
                 self.add_block(g, A, self.arm(g, c))
             for block in ti.static((self.translation, self.rotation)):
                 block[g] = (block[g] + 1e-12 * block[g].trace() * I).inverse()
@@ -312,8 +312,7 @@ class Contacts(Term):
         """z <- P z, the z = M^-1 r of particles in which those of a grain give way to the grain."""
         for g in range(first(self.rigid.count), last(self.rigid.count)):
             for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
-                i = self.rigid.row[m]
-                z[i] -= inverse_diagonal[i] @ r[i]
+                z[self.rigid.row[m]] -= inverse_diagonal[self.rigid.row[m]] @ r[self.rigid.row[m]]
             total, moment = self.rigid.sums(g, z)
             force, torque = self.rigid.sums(g, r)
             mean = total / (self.rigid.begin[g + 1] - self.rigid.begin[g]) + self.translation[g] @ force
