@@ -4,7 +4,7 @@
 
 Blocks of that many particles a side, of 40 to 4,500 grains, each in a process of its own with one thread, with and
 without grains in turn. The mean of eight steps counts, of the process with the least, for the machine is shared. Writes
-results/grains.json and prints the table of docs/theory/grains.md.
+results/grains.json and the table of docs/theory/grains.md.
 """
 
 import argparse
@@ -79,7 +79,7 @@ def main() -> None:
             least[side, fraction] = min(row, least.get((side, fraction), row), key=lambda found: found["seconds"])
     pairs = [(least[side, 0.0], least[side, FRACTION]) for side in options.sides]
     points.save("grains", {"pairs": pairs})
-    print(table(pairs))
+    points.put("theory/grains.md", "grains", table(pairs), [points.load("grains")])
 
 
 if __name__ == "__main__":

@@ -54,11 +54,12 @@ class ImplicitScheme(Scheme):
         drifts = directions.any()
         # in a step the matrix changes with a viscosity that depends on the velocity, and with the friction of walls
         self.assembles_again = problem.law == "bi-viscosity"
-        # and with the contacts of grains
-        continues = not (self.assembles_again or walls.have_friction or scene.grains)
+        continues = not (self.assembles_again or walls.have_friction)
 
         self.rigid = NoOp("drift", "find", "project", "keep")
-        self.contacts = NoOp("find", "check", "load", "update", "add_loads", "load_state", state=dict)
+        self.contacts = NoOp(
+            "find", "check", "load", "update", "change_residual", "add_loads", "load_state", state=dict
+        )
         if scene.grains:
             self.rigid = self.term(Rigid, problem=problem)
             self.contacts = self.term(Contacts, grains=scene.grains)
@@ -205,6 +206,9 @@ class ImplicitScheme(Scheme):
         self.friction.update_slip(u)
         self.wall_stress.update_weight()
         self.contacts.update(u)
+        solver = self.velocity.solver
+        self.contacts.change_residual(solver.first_x, solver.first_r)
+        self.contacts.change_residual(u, solver.r)
 
     # ---- around the step ------------------------------------------------------------------------------------
     def relax(self) -> None:

@@ -46,6 +46,7 @@ class Contacts(Term):
         self.overflow = ti.field(ti.i32, ())  # times in the step that a contact found no room
         # partner: a grain, or -1 - k of wall k; whether it presses, and sticks
         self.partner, self.presses, self.sticks = (ti.field(ti.i32, n) for _ in range(3))
+        self.pressed, self.stuck = (ti.field(ti.i32, n) for _ in range(2))  # the same before the last update
         self.normal, self.slip_force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # -, t [N], m/s
         self.gap, self.force, self.stiffness = (double_field(n) for _ in range(3))  # [m], lambda [N], r [N s/m]
         kept = "partner", "normal", "force", "slip_force", "sticks"
@@ -54,6 +55,8 @@ class Contacts(Term):
         self.old_normal, self.old_slip_force = double_field(n, 3), double_field(n, 3)
         self.kept = [(getattr(self, name), getattr(self, f"old_{name}")) for name in kept]
         self.step = double_field()  # dt [s]
+        # inverse of what resists the translation [s/kg] and the rotation [s/(kg m2)] of each grain
+        self.translation, self.rotation = (ti.Matrix.field(3, 3, ti.f64, rigid.count) for _ in range(2))
         self.field_io = FieldIO({f"contact_{name}": field for name, (field, _) in zip(kept, self.kept, strict=True)}, n)
         self.partner.fill(NONE)
 
@@ -175,12 +178,12 @@ class Contacts(Term):
         return v
 
     @ti.func
-    def resisted(self, c, v):
+    def resisted(self, c, v, presses, sticks):
         """r times the part of a velocity v that contact c resists [N]: along the normal where it presses, all of it
         where it sticks."""
         n = self.normal[c]
         along = n * n.dot(v)
-        return self.stiffness[c] * (self.presses[c] * along + self.sticks[c] * (v - along))
+        return self.stiffness[c] * (presses * along + sticks * (v - along))
 
     @ti.func
     def opening(self, c):
@@ -197,7 +200,7 @@ class Contacts(Term):
             force, torque = self.rigid.sums(g, y)
             torque += self.rigid.extra[g] / self.step[None] * self.rigid.rate[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
-                f = self.resisted(c, self.relative_velocity(g, c))
+                f = self.resisted(c, self.relative_velocity(g, c), self.presses[c], self.sticks[c])
                 force += f
                 torque += self.arm(g, c).cross(f)
             self.rigid.distribute(g, force, torque, y)
@@ -211,7 +214,8 @@ class Contacts(Term):
             torque += self.rigid.extra[g] / self.step[None] * self.rigid.spin[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
                 n = self.normal[c]
-                f = self.resisted(c, self.wall_velocity[c] - self.opening(c) * n)
+                known = self.wall_velocity[c] - self.opening(c) * n
+                f = self.resisted(c, known, self.presses[c], self.sticks[c])
                 if self.presses[c] == 1:
                     f += self.force[c] * n + self.slip_force[c]
                 force += f
@@ -225,14 +229,31 @@ class Contacts(Term):
         for g in range(self.rigid.count):
             for c in range(g * self.most, g * self.most + self.number[g]):
                 n, r = self.normal[c], self.stiffness[c]
+                self.pressed[c], self.stuck[c] = self.presses[c], self.sticks[c]
                 v = self.relative_velocity(g, c) - self.wall_velocity[c]
                 along = n.dot(v)
                 self.force[c] = ti.max(0.0, self.force[c] - r * (along + self.opening(c)))
                 self.presses[c] = ti.cast(self.force[c] > 0.0, ti.i32)
                 trial = self.slip_force[c] - r * (v - along * n)
                 bound, size = self.coefficient(c) * self.force[c], trial.norm()
-                self.sticks[c] = ti.cast(size <= bound and bound > 0.0, ti.i32)
-                self.slip_force[c] = trial * ti.min(1.0, bound / ti.max(size, 1e-30))
+                # a slip that turns round sticks first: its force would flip from solve to solve
+                turns = self.stuck[c] == 0 and trial.dot(self.slip_force[c]) < 0.0
+                self.sticks[c] = ti.cast((size <= bound or turns) and bound > 0.0, ti.i32)
+                back = self.slip_force[c] if turns else trial
+                self.slip_force[c] = back * ti.min(1.0, bound / ti.max(back.norm(), 1e-30))
+
+    @stage("contacts")
+    def change_residual(self, u: ti.template(), r: ti.template()):
+        """r <- r - (A - A') u, A' the matrix before the last update, for u = P u and r = P r [N]."""
+        self.rigid.find_motions(u)
+        for g in range(self.rigid.count):
+            force, torque = self.rigid.sums(g, r)
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                presses, sticks = self.presses[c] - self.pressed[c], self.sticks[c] - self.stuck[c]
+                f = self.resisted(c, self.relative_velocity(g, c), presses, sticks)
+                force -= f
+                torque -= self.arm(g, c).cross(f)
+            self.rigid.distribute(g, force, torque, r)
 
     @ti.func
     def coefficient(self, c):
@@ -258,6 +279,45 @@ class Contacts(Term):
                         arm = ti.cast(self.walls.surfaces[number].arm(point), float)
                         loads.forces[j][i] += on_wall
                         loads.torques[j][i] += loads.axial_vector(arm.outer_product(on_wall))
+
+    # ---- in the preconditioner -------------------------------------------------------------------------------------
+    @ti.func
+    def add_block(self, g, A, arm):
+        """Add a resistance A [kg/s] of grain g at an arm to that of its translation and its rotation."""
+        Y = ti.Matrix([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]], dt=ti.f64)
+        self.translation[g] += A
+        self.rotation[g] += Y.transpose() @ A @ Y
+
+    @stage("system")
+    def set_blocks(self, inverse_diagonal: ti.template()):
+        """Sum what resists the motion of each grain, the diagonal blocks of its particles and its contacts, and invert
+        it."""
+        I = ti.Matrix.identity(ti.f64, 3)  # noqa: E741
+        for g in range(self.rigid.count):
+            self.translation[g], self.rotation[g] = 0.0 * I, self.rigid.extra[g] / self.step[None] * I
+            for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
+                D, A = inverse_diagonal[self.rigid.row[m]].inverse(), 0.0 * I
+                for a, b in ti.static(ti.ndrange(self.dimension, self.dimension)):
+                    A[a, b] = D[a, b]
+                self.add_block(g, A, self.rigid.arm[m])
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                sticks, nn = self.sticks[c], self.normal[c].outer_product(self.normal[c])
+                A = self.stiffness[c] * ((self.presses[c] - sticks) * nn + sticks * I)
+                self.add_block(g, A, self.arm(g, c))
+            for block in ti.static((self.translation, self.rotation)):
+                block[g] = (block[g] + 1e-12 * block[g].trace() * I).inverse()
+
+    @stage("contacts")
+    def precondition(self, inverse_diagonal: ti.template(), r: ti.template(), z: ti.template()):
+        """z <- P z, the z = M^-1 r of particles in which those of a grain give way to the grain."""
+        for g in range(first(self.rigid.count), last(self.rigid.count)):
+            for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
+                z[self.rigid.row[m]] -= inverse_diagonal[self.rigid.row[m]] @ r[self.rigid.row[m]]
+            total, moment = self.rigid.sums(g, z)
+            force, torque = self.rigid.sums(g, r)
+            mean = total / (self.rigid.begin[g + 1] - self.rigid.begin[g]) + self.translation[g] @ force
+            self.rigid.move(g, mean, self.rigid.inverse[g] @ moment + self.rotation[g] @ torque, z)
+        wait()
 
     # ---- in checkpoints --------------------------------------------------------------------------------------------
     def state(self) -> dict:

@@ -268,21 +268,23 @@ class MomentumSource(Term):
 
 
 @ti.data_oriented
-class Projected:
-    """Preconditioner z = P M^-1 r with the projector P of ``rigid`` (G2), positive definite on its range."""
+class OfGrains:
+    """Preconditioner of P A P: that of particles, ``inner``, whose part of a grain's own particles gives way to the
+    grain, with its contacts; positive definite on the range of P (G2)."""
 
-    def __init__(self, inner, rigid):
-        self.inner, self.rigid = inner, rigid
+    def __init__(self, inner, operator):
+        self.inner, self.operator = inner, operator
 
     def build(self) -> None:
-        """Build the inner one."""
+        """Build the inner one, and the blocks of the grains."""
+        self.operator.contacts.set_blocks(self.operator.inverse_diagonal)
         self.inner.build()
 
     @sequence("cycle")
     def apply(self, r, z):
-        """z = P M^-1 r of a residual in the range of P."""
+        """z = M^-1 r of a residual in the range of P."""
         self.inner.apply(r, z)
-        self.rigid.project(z)
+        self.operator.contacts.precondition(self.operator.inverse_diagonal, r, z)
 
 
 @ti.data_oriented
@@ -297,7 +299,7 @@ class VelocitySolve:
         capacity, bins = operator.particles.capacity, operator.neighbors.bins
         multigrid = NodeMultigrid(operator, bins) if capacity >= NodeMultigrid.MIN_ROWS else None
         if operator.particles.has_grains:
-            multigrid = Projected(multigrid or Jacobi(operator), operator.contacts.rigid)
+            multigrid = OfGrains(multigrid or Jacobi(operator), operator)
         self.solver = PCG(capacity, operator.dimension, operator, multigrid)
         self.velocity = self.solver.x  # [m/s]
         self.iterations = ti.field(ti.i32, ())  # of all solves of a step

@@ -120,7 +120,11 @@ class Rigid(Term):
     @ti.func
     def distribute(self, g, total, moment, v: ti.template()):
         """Write P of rows whose sums are ``total`` and ``moment`` into the rows of grain g."""
-        mean, rate = total / (self.begin[g + 1] - self.begin[g]), self.inverse[g] @ moment
+        self.move(g, total / (self.begin[g + 1] - self.begin[g]), self.inverse[g] @ moment, v)
+
+    @ti.func
+    def move(self, g, mean, rate, v: ti.template()):
+        """Write the rigid motion of grain g with these mean and rate of rotation into its rows."""
         for m in range(self.begin[g], self.begin[g + 1]):
             w = mean + rate.cross(self.arm[m])
             for a in ti.static(range(self.dimension)):
