@@ -5,8 +5,8 @@ from math import inf
 
 from ..input.labels import title, written
 
-# {test: its keywords as the standard has them, lengths [m]; {result: classes of EN 206: name, least, largest value}},
-# lengths [m] to 10 mm, times [s]
+# {test: (its keywords as the standard has them, lengths [m], {result: classes of EN 206: name, least, largest value})},
+# of lengths [m] to 10 mm and times [s]
 CLASSES = {
     "slump": (
         {"height": 0.3, "base_diameter": 0.2, "top_diameter": 0.1},
@@ -44,10 +44,8 @@ LIMITS = {  # {test: result, least and largest value, and who asks for it}
     "u_box": ("h2_m", 0.3, inf, "JSCE asks for 30 cm"),
     "j_ring": ("blocking_step_m", -inf, 0.01, "EN 206 allows 1 cm"),
 }
-FULL, EMPTY = (
-    0.97,
-    0.05,
-)  # fraction of what is poured from which a form is full; of its height below which an end is empty
+FULL = 0.97  # fraction of what is poured, from which on a form is full
+EMPTY = 0.05  # fraction of its height, below which an end is empty
 SPILT = 0.02  # fraction of what was poured, above which a form of any shape overflows
 ENDS = {"near_m": "hose", "far_m": "far end"}  # levels of a form, and where they are
 
@@ -72,12 +70,9 @@ def filling(found: dict, known: dict) -> str:
     told = [f", the {place} is empty" for level, place in levels if level < EMPTY * rim]
     over = "; the concrete stands {:.0f} cm above the rim at the {}: it overflows"
     told += [over.format(100.0 * (level - rim), place) for level, place in levels if level > rim + spare]
-    if (
-        not levels
-        and found["stopped_by"] == "rest"
-        and found.get("above_m3", 0.0) > SPILT * found.get("poured_m3", inf)
-    ):
-        told += [f"; {written('above_m3', found['above_m3'])} stand above the rim: it overflows"]
+    above, rests = found.get("above_m3", 0.0), found["stopped_by"] == "rest"
+    if rests and not levels and above > SPILT * found.get("poured_m3", inf):
+        told += [f"; {written('above_m3', above)} stand above the rim: it overflows"]
     return f"{fills}: {100.0 * ratio:.0f} % after {found['simulated_seconds']:.3g} s{''.join(told)}"
 
 
