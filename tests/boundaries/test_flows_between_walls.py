@@ -45,7 +45,11 @@ def test_the_flow_of_an_open_channel_between_rough_sides_nears_the_series():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("yield_stress", "error"), [(0.0, 0.02), (100.0, 0.05)], ids=["Newtonian", "Bingham"])
+@pytest.mark.parametrize(
+    ("yield_stress", "error"),
+    [(0.0, 0.02), pytest.param(100.0, 0.05, marks=pytest.mark.long)],
+    ids=["Newtonian", "Bingham"],
+)
 def test_the_pressure_between_plates_that_close_is_that_of_lubrication(yield_stress, error):
     """Along the plane it falls as in a channel with the flow V x through the gap h: p = p_0 - 6 eta V x^2/h^3,
     of a Bingham fluid by Buckingham's law, which holds to the order of h/a. The force is 1.1 to 1.3 times that of

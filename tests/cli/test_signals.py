@@ -47,7 +47,7 @@ def hang_up():
         ("start", signal.SIGHUP),
         pytest.param("start", signal.SIGINT, marks=pytest.mark.slow),
         pytest.param("steps", signal.SIGTERM, marks=pytest.mark.slow),
-        pytest.param("steps", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("steps", signal.SIGINT, marks=pytest.mark.long),
         pytest.param("steps", signal.SIGHUP, marks=pytest.mark.slow),
     ],
 )

@@ -219,7 +219,7 @@ def test_two_blocks_meet_without_a_clump(free_default):
     assert abs(free_default.report.volume_error) < 0.03 and pdist(s.x).min() > 0.5 * WIDE
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stirred_water_comes_to_rest():
     """10 x 10 particles of water that turn at 0.1 m/s at first fall below 1e-6 of the energy M g H, at rest; with the
     hourglass resistance of moving particles throughout they kept some cm/s, 3e-5."""

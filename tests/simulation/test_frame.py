@@ -50,7 +50,7 @@ def turned(across, dimension, turn, turns, material, spacing=0.01):
         pytest.param(10, 2, 2.0, 2.0, "Bingham", marks=pytest.mark.slow),
         pytest.param(6, 3, 2.5, 2.0, "Bingham", marks=pytest.mark.slow),
         pytest.param(6, 3, 2.5, 2.0, "bi-viscosity", marks=pytest.mark.slow),
-        pytest.param(6, 3, 2.5, 2.0, "flow curve", marks=pytest.mark.slow),
+        pytest.param(6, 3, 2.5, 2.0, "flow curve", marks=pytest.mark.long),
     ],
 )
 def test_a_rigid_body_that_turns_keeps_radius_energy_angular_momentum_and_volume(across, dimension, turn, turns, law):

@@ -54,7 +54,7 @@ RUNS = pytest.mark.parametrize(
             "slump", {"model": "quarter", "spacing": 0.025, "yield_value": 500.0}, None, 5.0, marks=pytest.mark.slow
         ),
         pytest.param(
-            "slump", {"model": "quarter", "spacing": 0.025}, mps.Implicit(sleep="on"), 5.0, marks=pytest.mark.slow
+            "slump", {"model": "quarter", "spacing": 0.025}, mps.Implicit(sleep="on"), 5.0, marks=pytest.mark.long
         ),
         pytest.param("slump", {"spacing": 0.03}, mps.SemiImplicit(), 0.2, marks=pytest.mark.long),
     ],

@@ -156,7 +156,7 @@ def test_a_body_that_is_set_aside_as_a_whole_comes_to_rest():
 
 @pytest.mark.parametrize(
     "exponent",
-    [pytest.param(1.0, id="Bingham"), pytest.param(0.5, id="Herschel-Bulkley", marks=pytest.mark.slow)],
+    [pytest.param(1.0, id="Bingham"), pytest.param(0.5, id="Herschel-Bulkley", marks=pytest.mark.long)],
 )
 def test_repacking_takes_no_more_power_than_viscosity_dissipates(exponent):
     """After 0.4 s at 300 Pa and 50 Pa s^n the wanted divergence s meets its bound, tau_y |s| = (tau - tau_y) rate,

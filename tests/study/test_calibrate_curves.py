@@ -96,8 +96,8 @@ def test_a_run_that_fails_is_told_and_passed_over(tmp_path, exact):
         found(tmp_path, file, finer=False, name="none")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("scatter", [0.0, pytest.param(0.01, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("scatter", [0.0, 0.01])
 def test_intervals_hold_the_constants_as_often_as_they_say(tmp_path, exact, scatter):
     """The 95 % intervals hold two constants in 95 % of 30 draws with independent errors, within 3 standard errors, also
     where runs scatter as those of particles do."""

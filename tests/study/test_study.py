@@ -177,7 +177,7 @@ def test_a_study_that_is_killed_goes_on_where_it_was(tmp_path, notes):
     assert all(study_cases.runs(notes)[key] == 1 for key in before) and len(read(tmp_path / "s")) == 9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_cases_of_a_dask_worker_that_is_killed_are_computed_by_the_other(tmp_path):
     """A scheduler and two workers are processes of this machine; one is killed as soon as both have cases. Rows are
     those of a sweep without Dask, but for the seconds that they took."""

@@ -230,7 +230,7 @@ def test_a_disc_in_shear_turns_with_half_of_the_shear_rate():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("across, bound", [(4, 0.1), (8, 0.05)])
+@pytest.mark.parametrize("across, bound", [(4, 0.1), pytest.param(8, 0.05, marks=pytest.mark.long)])
 def test_spheres_in_a_cubic_array_settle_as_fast_as_by_sangani_and_acrivos(across, bound):
     """Periodic box two diameters wide, Newtonian, radius of equal volume; series of Sangani and Acrivos 1982, which
     gives the drag of Zick and Homsy 1982 within 0.1 % here. The speed is that against no mean flux of volume."""

@@ -78,7 +78,7 @@ def vessel(solid, cup, x, **keywords):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_torque_of_circular_couette_flow():
     """The torque is 4 pi eta turn R1^2 R2^2/(R2^2 - R1^2) per metre, equal on the cup and on the turning solid."""
     ends = (-0.07, -0.07), (0.07, 0.07), 0.00125
@@ -110,7 +110,7 @@ def test_the_torques_on_all_walls_are_what_the_angular_momentum_loses():
     assert sum(torques.values()) == pytest.approx(lost, abs=0.01 * torques["cup"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_slow_paste_with_a_flow_curve_converges_in_a_full_vessel():
     """Most of the paste stands between a cylinder and its cup, which bear the same torque."""
     paste = {"yield_value": 7.48, "consistency": 1.655, "flow_index": 0.676, "density": 1900.0}
