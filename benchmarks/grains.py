@@ -3,8 +3,8 @@
     python benchmarks/grains.py [--sides 17 34 80] [--repeats 3]
 
 Blocks of that many particles a side, of 40 to 4,500 grains, each in a process of its own with one thread, with and
-without grains in turn. The mean of eight steps counts, in seconds of the processor, of the process with the least. Writes
-results/grains.json and the table of docs/theory/grains.md.
+without grains in turn. The mean of eight steps counts, in seconds of the processor, of the process with the least.
+Writes results/grains.json and the table of docs/theory/grains.md.
 """
 
 import argparse
