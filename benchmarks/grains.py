@@ -3,7 +3,7 @@
     python benchmarks/grains.py [--sides 17 34 80] [--repeats 3]
 
 Blocks of that many particles a side, of 40 to 4,500 grains, each in a process of its own with one thread, with and
-without grains in turn. The mean of eight steps counts, of the process with the least, for the machine is shared. Writes
+without grains in turn. The mean of eight steps counts, in seconds of the processor, of the process with the least. Writes
 results/grains.json and the table of docs/theory/grains.md.
 """
 
@@ -37,16 +37,16 @@ def block(side: int, fraction: float) -> mps.Scene:
 
 
 def measure(side: int, fraction: float) -> dict:
-    """Wall seconds and iterations of eight steps."""
+    """Processor seconds and iterations of eight steps."""
     mps.init("cpu", threads=1)
     sim = mps.Simulation(block(side, fraction), mps.Implicit(sleep="off"))
     for _ in range(6):
         sim.step()
     seconds, iterations = [], []
     for _ in range(8):
-        begin = time.perf_counter()
+        begin = time.process_time()
         iterations.append(sim.step().solver_iterations)
-        seconds.append(time.perf_counter() - begin)
+        seconds.append(time.process_time() - begin)
     grains = len(sim.grains.radii) if fraction else 0
     found = {"side": side, "particles": side**3, "grains": grains}
     return found | {"seconds": float(np.mean(seconds)), "iterations": float(np.mean(iterations))}
