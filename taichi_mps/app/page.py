@@ -97,7 +97,7 @@ class Page:
         fields, expected = self.fields(query), await self.forecast(query)
         if expected.get("wrong"):
             return expected
-        units = {key: f" {fields[key]['unit']}" * without_unit(text) for key, text in query.values.items()}
+        units = {key: f" {fields[key]['unit']}" if without_unit(text) else "" for key, text in query.values.items()}
         texts = [f"{in_words(key)} {text}{units[key]}".rstrip() for key, text in query.values.items()]
         words = ["run", query.test, *form.options(query.values), "--quiet"]
         return self.enqueue(Job(", ".join([in_words(query.test), *texts]), words, query.test, expected.get("seconds")))

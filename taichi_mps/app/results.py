@@ -214,7 +214,7 @@ class Runs:
 
     def empty(self, query) -> None:
         """Remove the runs in the bin for good; other files stay."""
-        for folder in self.folders(self.bin) * (not self.bin.is_symlink()):
+        for folder in [] if self.bin.is_symlink() else self.folders(self.bin):
             if not folder.path.is_symlink():
                 shutil.rmtree(folder.path)
         with suppress(OSError):  # the bin holds other files, or does not exist

@@ -207,7 +207,7 @@ def render(arguments) -> int:
     options = Pictures(**given(arguments, Pictures))
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
     replays = [Trajectory(folder.trajectory).checked_replay(arguments.scene) for folder in folders]
-    suffix = ("" if options.view == "concrete" else f"-{options.view}") + "-beads" * options.beads
+    suffix = ("" if options.view == "concrete" else f"-{options.view}") + ("-beads" if options.beads else "")
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
     files = redraw(replays, folders[0].path, suffix, options, arguments.film)
     text = f"{files['pictures']} pictures in {files['frames']}, {files.get('film', files['animation'])}"

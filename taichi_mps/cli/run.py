@@ -228,7 +228,7 @@ def progress(sim, recorder, quiet, verbose, clock):
     shown = console.is_terminal and not quiet
     columns = TextColumn("{task.description}"), BarColumn(30), TextColumn("{task.percentage:.0f} %{task.fields[left]}")
     with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
-        task = bar.add_task("compiling" + " (the first run takes longest)" * clock.cold, total=1.0, left="")
+        task = bar.add_task("compiling" + (" (the first run takes longest)" if clock.cold else ""), total=1.0, left="")
 
         def show(sim):
             if clock.part == "ready":

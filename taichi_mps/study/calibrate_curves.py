@@ -215,7 +215,7 @@ def calibrate_curves(
     duration = wall_time([runs.case(test, np.zeros(bounds.shape[1]), coarse) for test in tests], at_once or 1, likely)
     report(
         f"some {likely} runs at a spacing of {coarse:g} m, about {duration_text(duration)}"
-        + f", besides {3 * len(tests)} at {built.spacing:g} m" * finer
+        + (f", besides {3 * len(tests)} at {built.spacing:g} m" if finer else "")
     )
     with start() as runs.pool:
         return fit_result(runs, built.material, built.spacing, *search(runs, built.spacing))

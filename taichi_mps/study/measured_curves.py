@@ -91,7 +91,7 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
     for k, row in enumerate(rows, 1):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
         of_run = [(column, row[column]) for column in names]
-        of_run += [(field, f"{row[column]} {unit * without_unit(row[column])}".strip())
+        of_run += [(field, f"{row[column]} {unit if without_unit(row[column]) else ''}".strip())
                  for column, (field, unit) in contents.items() if field in keywords]  # fmt: skip
         require(
             "time" in found or (*of_run,) not in tests,
