@@ -55,8 +55,10 @@ class Contacts(Term):
         self.old_normal, self.old_slip_force = double_field(n, 3), double_field(n, 3)
         self.kept = [(getattr(self, name), getattr(self, f"old_{name}")) for name in kept]
         self.step = double_field()  # dt [s]
-        # inverse of what resists the translation [s/kg] and the rotation [s/(kg m2)] of each grain
-        self.translation, self.rotation = (ti.Matrix.field(3, 3, ti.f64, rigid.count) for _ in range(2))
+        # mobility of each grain, the inverse of what resists its translation [s/kg] and its rotation [s/(kg m2)]
+        self.translation_mobility, self.rotation_mobility = (
+            ti.Matrix.field(3, 3, ti.f64, rigid.count) for _ in range(2)
+        )
         self.field_io = FieldIO({f"contact_{name}": field for name, (field, _) in zip(kept, self.kept, strict=True)}, n)
         self.partner.fill(NONE)
 
@@ -283,18 +285,18 @@ class Contacts(Term):
     # ---- in the preconditioner -------------------------------------------------------------------------------------
     @ti.func
     def add_block(self, g, A, arm):
-        """Add a resistance A [kg/s] of grain g at an arm to that of its translation and its rotation."""
+        """Add a resistance A [kg/s] of grain g at an arm to its sums, which the mobilities are the inverses of."""
         Y = ti.Matrix([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]], dt=ti.f64)
-        self.translation[g] += A
-        self.rotation[g] += Y.transpose() @ A @ Y
+        self.translation_mobility[g] += A
+        self.rotation_mobility[g] += Y.transpose() @ A @ Y
 
     @stage("system")
-    def set_blocks(self, inverse_diagonal: ti.template()):
-        """Sum what resists the motion of each grain, the diagonal blocks of its particles and its contacts, and invert
-        it."""
+    def set_mobilities(self, inverse_diagonal: ti.template()):
+        """Invert what resists the motion of each grain: the sum of the diagonal blocks of its particles and of its
+        contacts."""
         I = ti.Matrix.identity(ti.f64, 3)  # noqa: E741
         for g in range(self.rigid.count):
-            self.translation[g], self.rotation[g] = 0.0 * I, self.rigid.extra[g] / self.step[None] * I
+            self.translation_mobility[g], self.rotation_mobility[g] = 0.0 * I, self.rigid.extra[g] / self.step[None] * I
             for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
                 D, A = inverse_diagonal[self.rigid.row[m]].inverse(), 0.0 * I
                 for a, b in ti.static(ti.ndrange(self.dimension, self.dimension)):
@@ -304,19 +306,20 @@ class Contacts(Term):
                 sticks, nn = self.sticks[c], self.normal[c].outer_product(self.normal[c])
                 A = self.stiffness[c] * ((self.presses[c] - sticks) * nn + sticks * I)
                 self.add_block(g, A, self.arm(g, c))
-            for block in ti.static((self.translation, self.rotation)):
+            for block in ti.static((self.translation_mobility, self.rotation_mobility)):
                 block[g] = (block[g] + 1e-12 * block[g].trace() * I).inverse()
 
     @stage("contacts")
     def precondition(self, inverse_diagonal: ti.template(), r: ti.template(), z: ti.template()):
-        """z <- P z, the z = M^-1 r of particles in which those of a grain give way to the grain."""
+        """z <- P (z - D^-1 r) + B P r on the rows of grains: z = M^-1 r, the diagonal blocks D of particles, the
+        mobilities B of grains."""
         for g in range(first(self.rigid.count), last(self.rigid.count)):
             for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
                 z[self.rigid.row[m]] -= inverse_diagonal[self.rigid.row[m]] @ r[self.rigid.row[m]]
             total, moment = self.rigid.sums(g, z)
             force, torque = self.rigid.sums(g, r)
-            mean = total / (self.rigid.begin[g + 1] - self.rigid.begin[g]) + self.translation[g] @ force
-            self.rigid.move(g, mean, self.rigid.inverse[g] @ moment + self.rotation[g] @ torque, z)
+            mean = total / (self.rigid.begin[g + 1] - self.rigid.begin[g]) + self.translation_mobility[g] @ force
+            self.rigid.move(g, mean, self.rigid.inverse[g] @ moment + self.rotation_mobility[g] @ torque, z)
         wait()
 
     # ---- in checkpoints --------------------------------------------------------------------------------------------

@@ -276,8 +276,8 @@ class OfGrains:
         self.inner, self.operator = inner, operator
 
     def build(self) -> None:
-        """Build the inner one, and the blocks of the grains."""
-        self.operator.contacts.set_blocks(self.operator.inverse_diagonal)
+        """Build the inner one, and the mobilities of the grains."""
+        self.operator.contacts.set_mobilities(self.operator.inverse_diagonal)
         self.inner.build()
 
     @sequence("cycle")
