@@ -48,6 +48,7 @@ def test_the_vortex_is_the_same_with_and_without_gravity(cavity):
     )
 
 
+@pytest.mark.slow
 def test_a_full_closed_box_goes_on_from_the_whole_pressure(cavity):
     """The particles of a full box carry the pressure in excess of the hydrostatic one, and its state says so. A state
     of an earlier version, whose particles carry the whole pressure, goes on the same up to the tolerance of the solve:

@@ -64,6 +64,7 @@ def test_a_tolerance_takes_as_many_iterations_as_it_needs(cone):
     assert worst(reports(cone, passes=found[1].outer_iterations // 2)[1]) > TOLERANCE
 
 
+@pytest.mark.slow
 def test_a_tolerance_that_is_not_met_is_told(cone):
     """A tolerance that is not met is reported in the state of the run and in a sentence."""
     sim = cone[0]

@@ -121,6 +121,7 @@ def slope(tangent, friction):
     return sim, np.sin(angle), np.cos(angle)
 
 
+@pytest.mark.slow
 def test_a_disc_rolls_down_a_slope_with_two_thirds_of_its_weight_along_it_and_presses_with_its_weight_across():
     """Its inertia is that of a disc, m a^2/2, not that of its particles as points, which would give 0.69."""
     sim, along, across = slope(0.3, 0.4)
@@ -140,6 +141,7 @@ def test_a_disc_slips_on_a_slope_steeper_than_three_times_its_friction():
     assert -sim.grains.spins[0, 0] * sim.grains.radii[0] == pytest.approx(2.0 * 0.4 * G * across * sim.time, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_a_grain_of_one_and_a_tenth_gaps_rests_on_two_bars_of_one_solid():
     """The distance of the solid is that of its nearest point: each bar must be a contact. At rest the centre lies where
     both touch, within the samples of the bars, a quarter of a spacing apart."""
