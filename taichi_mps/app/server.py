@@ -35,7 +35,7 @@ LOCALHOST = "127.0.0.1"
 REFUSED = "Only for this machine: type the address into the browser."
 NO_TOKEN = "The address lacks its token: taichi-mps app prints the whole of it where it was started."
 STATIC = Path(__file__).with_name("static")
-MAX_REQUEST_BYTES = 100_000  # of a query
+MAX_REQUEST_BYTES, MAX_LIST_BYTES = 100_000, 10_000_000  # of a query; of one with a laboratory's list
 PICTURE = re.compile(rf"frames/{PICTURE_NAME.pattern}")
 PAGE_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 COMMON_HEADERS = {
@@ -132,9 +132,10 @@ def routes(page: Page) -> list[Route]:
         return FileResponse(shown.path, headers={"Content-Security-Policy": REPORT_POLICY})
 
     async def answer(request: Request):
-        if int(request.headers.get("content-length", MAX_REQUEST_BYTES)) >= MAX_REQUEST_BYTES:
-            raise HTTPException(413)
         what = request.path_params["what"]
+        most = MAX_LIST_BYTES if what == "calibrate_list" else MAX_REQUEST_BYTES
+        if int(request.headers.get("content-length", most)) >= most:
+            raise HTTPException(413)
         try:
             query = Query(**json.loads(await request.body()))
             if what == "preview":
@@ -208,4 +209,5 @@ def serve(port: int, folder, browser: bool, token: str | None = None) -> None:
         queue.kill()
         for process in processes:
             process.kill()
+        page.lists.cleanup()
         print(f"The runs lie in {queue.folder.resolve()}", flush=True)

@@ -1,4 +1,4 @@
-"""Tables: CSV files of users, what their columns hold, and the folder of a study.
+"""Tables: CSV files and Excel sheets of users, what their columns hold, and the folder of a study.
 
 ``journal.jsonl``   one row a line, flushed to the disk before the next case; it alone is read when a study is resumed
 ``results.csv``     the same rows in the order of the cases, one column a quantity
@@ -11,6 +11,7 @@ import os
 import re
 import unicodedata
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 from ..input.labels import is_measure
@@ -24,6 +25,7 @@ TABLE = "results.csv"
 COMMENT_LINE = re.compile(r'\s*"?#(?!\s*[,;\t]\s*["\w])')  # begins a comment before the header; '#,slump' is a header
 SEPARATOR = re.compile(r'(?i)"?sep=(.)"?\s*')  # first line that tells Excel the delimiter
 MAX_ROWS = 100_000  # 1.4 hours of calibrations
+ZIP_MARK = b"PK\x03\x04"  # first bytes of a zipped file, as an Excel workbook is
 DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(\d+)(?![\d.,])")  # a number with a comma, where semicolons separate cells
 ROW_ERROR = None  # key of a row's error, where its cells do not match the header
 # {field of Measurements or stem of a scene's measure: its other names, common or in EN 12350, JIS A 1101, 1150, 1116}
@@ -54,13 +56,14 @@ NAME_AND_UNIT = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNIT})\.?")  # n
 
 # ---- lists ----------------------------------------------------------------------------------------------------
 def read_list(path, key: str = "table") -> list[dict[str, str]]:
-    """Read a CSV file as rows of text by column, without empty rows and columns. Cells are separated by commas,
-    semicolons or tabs; comments (#) may precede the header; a decimal comma is read as a point where it is unambiguous.
-    A row with more or fewer cells than the header has a text under ROW_ERROR. SceneError, which names the option
+    """Read a CSV file, or the first sheet of an Excel workbook (.xlsx), as rows of text by column, without empty rows
+    and columns. Cells of a CSV file are separated by commas, semicolons or tabs; comments (#) may precede the header; a
+    decimal comma is read as a point where it is unambiguous. A row with more or fewer cells than the header has a text under ROW_ERROR. SceneError, which names the option
     ``key`` and the line, for any other file."""
     where = f"{key} = {path}: "
     try:
-        text = decoded(regular_file(f"{key} = {path}", path, 1e8).read_bytes())
+        data = regular_file(f"{key} = {path}", path, 1e8).read_bytes()
+        text = sheet_as_csv(data, where) if data.startswith(ZIP_MARK) else decoded(data)
     except OSError as error:
         raise SceneError(f"{where}cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:
@@ -108,6 +111,30 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
                 "; a number with a decimal comma must be in quotes" if delimiter == "," and len(row) >= width else ""
             )
     return table
+
+
+def sheet_as_csv(data: bytes, where: str) -> str:
+    """Text of the first sheet of an Excel workbook as CSV with semicolons, a line for each row; of formulas their last
+    values. SceneError, which begins with ``where``, for any other zipped file, and without openpyxl."""
+    needs = "an Excel sheet needs openpyxl: pip install 'taichi-mps[excel]', or save it as CSV"
+    require(find_spec("openpyxl"), f"{where}{needs}")
+    import openpyxl
+
+    try:
+        sheet = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True).worksheets[0]
+        rows = [[cell_text(cell) for cell in row] for row in sheet.iter_rows(max_row=MAX_ROWS + 1, values_only=True)]
+    except Exception as error:  # a file may come from anybody
+        reason = f"({type(error).__name__}); must be an Excel workbook (.xlsx) or a CSV file"
+        raise SceneError(f"{where}is no Excel workbook {reason}") from None
+    width, file = max((k for row in rows for k, cell in enumerate(row, 1) if cell), default=0), io.StringIO()
+    csv.writer(file, delimiter=";").writerows((row + [""] * width)[:width] for row in rows)
+    return file.getvalue()
+
+
+def cell_text(value) -> str:
+    """Text of a cell of a workbook on one line, a number with up to twelve figures; '' of an empty one."""
+    number = isinstance(value, float | int) and not isinstance(value, bool)
+    return f"{value:.12g}" if number else " ".join(str("" if value is None else value).split())
 
 
 def decoded(data: bytes) -> str:

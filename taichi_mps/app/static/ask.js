@@ -79,11 +79,14 @@ export function unitOf(field, text) {
   return /^[-+\d.,\s]*$/.test(shown) ? field.unit : "";
 }
 
-// A length without a unit that is far too large in metres, as it was meant: "18 cm"; or "".
+// A number without a unit that is far too large in the unit of its field, as it was meant: "18 cm", in the unit that comes
+// nearest to what is usual; of a time that people think of in minutes any number. Or "".
+const SIZES = {mm: 1e-3, cm: 1e-2, "l/min": 1 / 6e4, min: 60};
 export function meant(field, text) {
-  const number = Number(text.replace(",", "."));
-  if (field.unit !== "m" || !text.trim() || !(number >= 20 * (field.default || 0.15))) return "";
-  return `${number} ${number < 100 ? "cm" : "mm"}`;
+  const number = Number(text.replace(",", ".")), usual = field.default || {m: 0.15, s: 0}[field.unit];
+  if (!field.asked?.length || !text.trim() || !(number > 0 && number >= 20 * usual)) return "";
+  const off = (unit) => Math.abs(Math.log((number * SIZES[unit]) / (usual || 1)));
+  return `${number} ${field.asked.reduce((best, unit) => (off(unit) < off(best) ? unit : best))}`;
 }
 
 // The question for what was meant, as a button below a field; ``take`` gets the text with its unit.
