@@ -77,6 +77,34 @@ def test_it_shows_the_mixes_of_the_table_and_those_between_as_the_command_measur
 
 
 @needs_chromium
+def test_a_finger_pulls_the_yield_stress_and_turns_the_cone():
+    """Of an emulated phone; sideways on the cone turns it, along the page it scrolls that."""
+    with chromium() as browser:
+        tab = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True).new_page()
+        tab.goto(explore.PAGE.as_uri())
+        tab.evaluate("ready")
+        hand = tab.context.new_cdp_session(tab)
+
+        def drag(selector, across, up):
+            box = tab.locator(selector).bounding_box()
+            x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+            for k in range(11):
+                at = [{"x": x + 0.1 * k * across, "y": y + 0.1 * k * up}]
+                hand.send("Input.dispatchTouchEvent", {"type": "touchMove" if k else "touchStart", "touchPoints": at})
+            hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+        tab.locator("#yield").fill("0.5")
+        drag("#yield", -80, 0)
+        tab.wait_for_function("state.yield < 200")
+        seen = tab.evaluate("[state.viewer.turn, state.viewer.tilt]")
+        drag("#view", 60, 0)
+        tab.wait_for_function("(before) => Math.abs(state.viewer.turn - before - 0.48) < 0.1", arg=seen[0])
+        tab.evaluate("scrollTo(0, 0)")
+        drag("#view", 0, -150)
+        tab.wait_for_function("scrollY > 50")
+
+
+@needs_chromium
 def test_it_fits_a_phone_and_draws_a_section_without_webgl(show, tmp_path):
     (tmp_path / "flat.html").write_text(explore.PAGE.read_text("utf-8").replace('"webgl2"', '"none"'), encoding="utf-8")
     tab = show(page=tmp_path / "flat.html", width=390)

@@ -56,6 +56,39 @@ def found(rows):
     return found
 
 
+def workbook(path, *rows):
+    """An Excel workbook with these rows in its first sheet, and another sheet."""
+    book = pytest.importorskip("openpyxl").Workbook()
+    for row in rows:
+        book.active.append(row)
+    book.create_sheet("notes").append(["slump [cm]"])
+    book.save(path)
+    return path
+
+
+def test_an_excel_sheet_is_read_as_the_same_list_in_csv(tmp_path, rows):
+    """Numbers in cells of numbers or of text, with a decimal comma, too; empty rows and cells; a comment; lines counted
+    as the rows of the sheet."""
+    head = ["mix", "slump [cm]", "spread [mm]", "plastic_viscosity"]
+    cells = ["five", 17.99, "319,3", 50], ["ten", "10,15", 265.6, 50.0], [], ["far", 15, 600, None]
+    found = read_list(workbook(tmp_path / "mixes.xlsx", ["# of May"], head, *cells))
+    assert found == rows[:3]
+    (row,) = read_list(workbook(tmp_path / "long.xlsx", ["slump [cm]", "", 0.1 + 0.2], [18, None, "as\nseen"]))
+    assert row == {"slump [cm]": "18", "0.3": "as seen"}
+
+
+def test_what_is_no_workbook_says_so_and_what_reads_one(tmp_path, monkeypatch, capsys):
+    other = written(tmp_path, b"PK\x03\x04" + b"x" * 99)
+    monkeypatch.setattr(tables, "find_spec", lambda name: None)
+    assert main(["calibrate", "--table", str(other)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and said.endswith("pip install 'taichi-mps[excel]', or save it as CSV\n")
+    monkeypatch.undo()
+    pytest.importorskip("openpyxl")
+    assert main(["calibrate", "--table", str(other)]) == 2
+    assert "is no Excel workbook (BadZipFile); must be" in capsys.readouterr().err
+
+
 def test_each_line_gets_its_verdict(found):
     verdicts = EXPLAINED, EXPLAINED, TWO_ANSWERS, BOUNDED, REFUSED, REFUSED
     assert tuple(row["verdict"] for row in found) == verdicts
