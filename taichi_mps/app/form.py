@@ -13,8 +13,6 @@ FIRST = ("yield_value", "plastic_viscosity", "density", "spacing", "model", "acc
 SLIDERS = {"yield_value": (10.0, 2000.0), "plastic_viscosity": (1.0, 500.0)}  # ranges for usual concrete, SI units
 SLIDER_RATIO = 20.0  # where a default is near an end of that range or outside: ends of the slider over it, or inverse
 OWN_UNIT = "m", "m3/s"  # whose defaults are shown with a unit of their own: cm, mm, l/min
-ASKED = {"m": ("mm", "cm"), "m3/s": ("l/min",)}  # {unit: those that a number alone may be meant in, which is asked}
-MINUTES = ("age",)  # times that are thought of in minutes
 SWITCH = {"no": False, "yes": True}
 PREVIEW_MODELS = {  # {test with a preview: {keyword: value in the preview, None to leave out that of the form}}
     "slump": dict.fromkeys(("spacing", "lift_speed", "accuracy", "floor_radius")) | {"model": "axisymmetric"},
@@ -57,20 +55,17 @@ def measurements() -> list[dict]:
 
 
 def field_facts(name: str, field) -> dict:
-    """Facts of a field: name, label, unit, default, help, choices ("words"), the units in which a number alone may be
-    meant ("asked"), and ends of its slider."""
+    """Facts of a field: name, label, unit, default, help, choices ("words"), and ends of its slider."""
     unit, default = unit_of(field).strip("-"), field.default
     words = list(SWITCH) if field.annotation is bool else choices(field)
     ends = SLIDERS.get(name) if isinstance(default, float) else None
     if ends and not 2.0 * ends[0] <= default <= 0.5 * ends[1]:
         ends = default / SLIDER_RATIO, default * SLIDER_RATIO
-    usual = "" if default is None else shown(default, unit if unit in OWN_UNIT else "")
     return {
         "name": name,
         "label": in_words(name),
         "unit": unit,
-        "usual": f"{usual} min" if name in MINUTES else usual,  # 0
-        "asked": ("min",) if name in MINUTES else ASKED.get(unit, ()),
+        "usual": "" if default is None else shown(default, unit if unit in OWN_UNIT else ""),
         "default": default,
         "help": f"{field.description or keyword_description(name)} {allowed(field)}".strip(),
         "words": words if not unit else [],

@@ -4,7 +4,6 @@ itself lies in static/.
 All tabs share the queue of runs, the folder they go into, and the processes of preview and forecast.
 """
 
-import asyncio
 import json
 from base64 import b64decode, b64encode
 from pathlib import Path
@@ -51,7 +50,7 @@ class Page:
         self.preview_process, self.forecast_process = Resident("preview"), Resident("forecast")
         self.known = {test["name"]: test for test in form.tests()}
         self.runs = runs
-        self.lists = TemporaryDirectory(prefix="taichi_mps-")  # of the laboratory's lists, removed with the server
+        self.lists = TemporaryDirectory(prefix="taichi_mps-")  # removed at the end of the server
         own = self.tests, self.forecast, self.run, self.calibrate, self.calibrate_list, self.result, self.jobs
         of_runs = runs.list, runs.show, runs.compare, runs.resume, runs.rename, runs.delete, runs.restore
         self.answers = {answer.__name__: answer for answer in (*own, self.stop, *of_runs, runs.empty)}
@@ -123,24 +122,27 @@ class Page:
         words = ["calibrate", "--json", *form.options(query.values), *(["--no-check"] if not query.check else [])]
         return self.enqueue(Job("calibration", words))
 
-    async def calibrate_list(self, query: Query) -> dict:
+    def calibrate_list(self, query: Query) -> dict:
         """Enqueue the calibration of a laboratory's list, a CSV file or an Excel sheet."""
         table = Path(mkdtemp(dir=self.lists.name)) / "list"
         table.write_bytes(b64decode(query.file, validate=True))
-        await asyncio.to_thread(measured_mixes.read_list, table)  # at once, not by the job
+        measured_mixes.read_list(table)  # at once, not by the job
         out = table.with_name("calibrated.csv")
-        words = ["calibrate", "--json", f"--table={table}", f"--out={out}"]
-        return self.enqueue(Job("calibration of a list", words, out=out))
+        return self.enqueue(Job("list", ["calibrate", "--json", f"--table={table}", f"--out={out}"], out=out))
 
     def result(self, query: Query) -> dict:
-        """Result of a calibration, or of that of a list: its rows, their number by verdict, the table of results as
+        """Result of a calibration, or of that of a list: its rows, the meanings of verdicts, the table of results as
         text, and its chart as base64, '' without matplotlib."""
         job = self.job_of(query)
         if job.out and job.output:  # also where no mix is fitted, which the command counts as failed
-            rows, chart = json.loads(job.output), job.out.with_suffix(".png")
-            picture = b64encode(chart.read_bytes()).decode() if chart.is_file() else ""
-            found = {"rows": rows, "tally": measured_mixes.tally(rows), "csv": job.out.read_text(encoding="utf-8")}
-            return found | {"chart": picture, "message": job.message}
+            chart = job.out.with_suffix(".png")
+            return {
+                "rows": json.loads(job.output),
+                "verdicts": measured_mixes.VERDICTS,
+                "csv": job.out.read_text(encoding="utf-8"),
+                "chart": b64encode(chart.read_bytes()).decode() if chart.is_file() else "",
+                "message": job.message,
+            }
         facts = json.loads(job.output) if job.words[0] == "calibrate" and job.state == "done" else {}
         return {"verdict": verdict(facts), **facts} if facts else {"state": job.state, "message": job.message}
 

@@ -64,22 +64,20 @@ def surroundings(scene, film: dict) -> dict:
 def beginning(scene) -> dict | None:
     """Data of the body before it flows, at a hose its first layer, as a film of one picture with the lengths of the
     vessel or, without one, of the body; None for more than MAX_BEGINNING particles."""
-    poured = [inlet.layer(scene.spacing) for inlet in scene.inlets]
-    parts = [part for part in (scene.fluid, *poured) if part is not None]
+    parts = [x for x in (scene.fluid, *(inlet.layer(scene.spacing) for inlet in scene.inlets)) if x is not None]
     if sum(map(len, parts)) > MAX_BEGINNING:
         return None
     shape = surface_geometry(scene, still(np.vstack(parts), scene.spacing))
     drawn = surroundings(scene, packed_film([shape], [0.0], [[]]))
     corners = np.concatenate(scene.vessel) if len(scene.vessel) else np.array([drawn["low"], drawn["high"]])
-    low, high = corners.min(0), corners.max(0)
-    ends = [(low, (high[0], *low[1:])), ((high[0], *low[1:]), (*high[:2], low[2])), (low, (*low[:2], high[2]))]
-    lengths = [
-        {"a": list(map(float, a)), "b": list(map(float, b)), "near": float(low[1]), "straight": True, "text": text}
-        for a, b in ends
-        for text in [inputs.shown(float(np.subtract(b, a).sum()), "m")]
-        if np.any(a != np.array(b))
+    (x0, y0, z0), (x1, y1, z1) = corners.min(0).tolist(), corners.max(0).tolist()
+    drawn["film"]["dimensions"] = [
+        [
+            {"a": a, "b": b, "near": y0, "straight": True, "text": inputs.shown(float(np.subtract(b, a).sum()), "m")}
+            for a, b in (((x0, y0, z0), (x1, y0, z0)), ((x1, y0, z0), (x1, y1, z0)), ((x0, y0, z0), (x0, y0, z1)))
+            if a != b
+        ]
     ]
-    drawn["film"]["dimensions"] = [lengths]
     return drawn
 
 

@@ -25,7 +25,6 @@ TABLE = "results.csv"
 COMMENT_LINE = re.compile(r'\s*"?#(?!\s*[,;\t]\s*["\w])')  # begins a comment before the header; '#,slump' is a header
 SEPARATOR = re.compile(r'(?i)"?sep=(.)"?\s*')  # first line that tells Excel the delimiter
 MAX_ROWS = 100_000  # 1.4 hours of calibrations
-ZIP_MARK = b"PK\x03\x04"  # first bytes of a zipped file, as an Excel workbook is
 DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(\d+)(?![\d.,])")  # a number with a comma, where semicolons separate cells
 ROW_ERROR = None  # key of a row's error, where its cells do not match the header
 # {field of Measurements or stem of a scene's measure: its other names, common or in EN 12350, JIS A 1101, 1150, 1116}
@@ -63,7 +62,7 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
     where = f"{key} = {path}: "
     try:
         data = regular_file(f"{key} = {path}", path, 1e8).read_bytes()
-        text = sheet_as_csv(data, where) if data.startswith(ZIP_MARK) else decoded(data)
+        text = sheet_as_csv(data, where) if data[:4] == b"PK\x03\x04" else decoded(data)  # zipped
     except OSError as error:
         raise SceneError(f"{where}cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:
@@ -116,25 +115,28 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
 def sheet_as_csv(data: bytes, where: str) -> str:
     """Text of the first sheet of an Excel workbook as CSV with semicolons, a line for each row; of formulas their last
     values. SceneError, which begins with ``where``, for any other zipped file, and without openpyxl."""
-    needs = "an Excel sheet needs openpyxl: pip install 'taichi-mps[excel]', or save it as CSV"
-    require(find_spec("openpyxl"), f"{where}{needs}")
+    require(
+        find_spec("openpyxl"),
+        f"{where}an Excel sheet needs openpyxl: pip install 'taichi-mps[excel]', or save it as CSV",
+    )
     import openpyxl
 
+    file = io.StringIO()
     try:
-        sheet = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True).worksheets[0]
-        rows = [[cell_text(cell) for cell in row] for row in sheet.iter_rows(max_row=MAX_ROWS + 1, values_only=True)]
+        sheet = openpyxl.load_workbook(io.BytesIO(data), data_only=True).worksheets[0]
+        rows = sheet.iter_rows(max_row=MAX_ROWS + 1, values_only=True)
+        csv.writer(file, delimiter=";").writerows([cell_text(cell) for cell in row] for row in rows)
     except Exception as error:  # a file may come from anybody
-        reason = f"({type(error).__name__}); must be an Excel workbook (.xlsx) or a CSV file"
-        raise SceneError(f"{where}is no Excel workbook {reason}") from None
-    width, file = max((k for row in rows for k, cell in enumerate(row, 1) if cell), default=0), io.StringIO()
-    csv.writer(file, delimiter=";").writerows((row + [""] * width)[:width] for row in rows)
+        raise SceneError(
+            f"{where}is no Excel workbook ({type(error).__name__}); must be an .xlsx or a CSV file"
+        ) from None
     return file.getvalue()
 
 
 def cell_text(value) -> str:
     """Text of a cell of a workbook on one line, a number with up to twelve figures; '' of an empty one."""
-    number = isinstance(value, float | int) and not isinstance(value, bool)
-    return f"{value:.12g}" if number else " ".join(str("" if value is None else value).split())
+    text = f"{value:.12g}" if isinstance(value, float | int) and not isinstance(value, bool) else value
+    return "" if text is None else " ".join(str(text).split())
 
 
 def decoded(data: bytes) -> str:

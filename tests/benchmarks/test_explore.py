@@ -76,32 +76,27 @@ def test_it_shows_the_mixes_of_the_table_and_those_between_as_the_command_measur
     tab.wait_for_function("state.time === Infinity && !state.playing")
 
 
+PULLS = {  # what a finger pulls on an emulated phone, how far [pixels], and what is then so
+    "#yield": (-80, 0, "state.yield < 200"),
+    "#view": (60, 0, "Math.abs(state.viewer.turn - 0.83) < 0.1"),
+    "#stage": (0, -150, "scrollY > 50"),
+}
+
+
 @needs_chromium
-def test_a_finger_pulls_the_yield_stress_and_turns_the_cone():
-    """Of an emulated phone; sideways on the cone turns it, along the page it scrolls that."""
+@pytest.mark.parametrize("what", PULLS)
+def test_a_finger_pulls_the_yield_stress_turns_the_cone_and_scrolls_the_page(what):
+    across, up, then = PULLS[what]
     with chromium() as browser:
-        tab = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True).new_page()
-        tab.goto(explore.PAGE.as_uri())
+        tab = browser.new_context(viewport={"width": 390, "height": 600}, has_touch=True, is_mobile=True).new_page()
+        tab.goto(f"{explore.PAGE.as_uri()}#yield=300")
         tab.evaluate("ready")
-        hand = tab.context.new_cdp_session(tab)
-
-        def drag(selector, across, up):
-            box = tab.locator(selector).bounding_box()
-            x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
-            for k in range(11):
-                at = [{"x": x + 0.1 * k * across, "y": y + 0.1 * k * up}]
-                hand.send("Input.dispatchTouchEvent", {"type": "touchMove" if k else "touchStart", "touchPoints": at})
-            hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-
-        tab.locator("#yield").fill("0.5")
-        drag("#yield", -80, 0)
-        tab.wait_for_function("state.yield < 200")
-        seen = tab.evaluate("[state.viewer.turn, state.viewer.tilt]")
-        drag("#view", 60, 0)
-        tab.wait_for_function("(before) => Math.abs(state.viewer.turn - before - 0.48) < 0.1", arg=seen[0])
-        tab.evaluate("scrollTo(0, 0)")
-        drag("#view", 0, -150)
-        tab.wait_for_function("scrollY > 50")
+        hand, box = tab.context.new_cdp_session(tab), tab.locator(what).bounding_box()
+        x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+        for kind, k in [("Start", 0), *(("Move", k) for k in range(1, 11)), ("End", None)]:
+            at = [] if k is None else [{"x": x + 0.1 * k * across, "y": y + 0.1 * k * up}]
+            hand.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": at})
+        tab.wait_for_function(then)
 
 
 @needs_chromium

@@ -148,7 +148,7 @@ export class Calibrate {
   }
 
   // The mixes of a list with their constants and reasons, how many there are of each verdict, and the chart.
-  showList({rows, tally, csv, chart, message}) {
+  showList({rows, verdicts: meanings, csv, chart, message}) {
     const count = new Map(), keys = Object.keys(CONSTANTS).filter((key) => rows.some((row) => range(row, key)));
     for (const {verdict} of rows) count.set(verdict, (count.get(verdict) || 0) + 1);
     const verdicts = [...count].map(([verdict, many]) => `${many} ${verdict}`).join(", ");
@@ -161,7 +161,7 @@ export class Calibrate {
     const rest = rows.length > MOST_ROWS ? h("p", {}, `and ${rows.length - MOST_ROWS} more, in the CSV`) : "";
     this.reasons.replaceChildren(
       h("div.wide", {"data-part": "list", tabindex: "0"}, table([name, "verdict", ...keys.map((key) => CONSTANTS[key]), "reason"], lines)), rest,
-      h("details", {}, h("summary", {}, "what the verdicts mean"), h("pre", {}, tally)), ...notes,
+      h("details", {}, h("summary", {}, "what the verdicts mean"), h("dl", {}, [...count.keys()].map((verdict) => [h("dt", {}, verdict), h("dd", {}, meanings[verdict])]))), ...notes,
       chart && h("img.film", {src: `data:image/png;base64,${chart}`, alt: "slump flow against slump, each mix joined with the nearest of the model", "data-part": "list-chart"}));
   }
 

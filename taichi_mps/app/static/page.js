@@ -1,6 +1,6 @@
 // The page: which test, its form, preview and run. All that is set stands in the address.
 
-import {ask, by, en206, h, icon, inTime, listen, question, told, unitOf} from "./ask.js";
+import {ask, by, en206, h, icon, inTime, listen, question, told, unitOf, usual} from "./ask.js";
 import {Body} from "./body.js";
 import {Calibrate} from "./calibrate.js";
 import {Runs} from "./runs.js";
@@ -105,7 +105,7 @@ function control(field) {
     const made = h("select", {id, "data-field": field.name, onchange: changed}, options);
     return h("div.field", {title: field.help}, label, made, h("p.wrong", {id: `${id}-wrong`}));
   }
-  const shown = {id, "data-field": field.name, placeholder: field.usual, "aria-describedby": `${id}-wrong`, spellcheck: "false"};
+  const shown = {id, "data-field": field.name, placeholder: usual(field), "aria-describedby": `${id}-wrong`, spellcheck: "false"};
   const made = h("input", {...shown, inputmode: field.unit ? "decimal" : "text", oninput: changed});
   const row = h("div.field", {title: field.help}, label, made, h("span.unit", {}, unitOf(field, "")), h("p.wrong", {id: `${id}-wrong`}), h("p.asked"));
   if (field.ends) {
@@ -182,7 +182,7 @@ async function forecast() {
     await body.show(known.beginning, "before it flows, to scale");
     if (number !== checking) return;
     if (!known.table) numbers({}, {}, `This test has no preview. ${known.lines?.[1] || ""}`);
-  }
+  } else if (state.mode === "preview") body.hide();
   by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
 }
 
