@@ -57,8 +57,8 @@ NAME_AND_UNIT = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNIT})\.?")  # n
 def read_list(path, key: str = "table") -> list[dict[str, str]]:
     """Read a CSV file, or the first sheet of an Excel workbook (.xlsx), as rows of text by column, without empty rows
     and columns. Cells of a CSV file are separated by commas, semicolons or tabs; comments (#) may precede the header; a
-    decimal comma is read as a point where it is unambiguous. A row with more or fewer cells than the header has a text under ROW_ERROR. SceneError, which names the option
-    ``key`` and the line, for any other file."""
+    decimal comma is read as a point where it is unambiguous. A row with more or fewer cells than the header has a text
+    under ROW_ERROR. SceneError, which names the option ``key`` and the line, for any other file."""
     where = f"{key} = {path}: "
     try:
         data = regular_file(f"{key} = {path}", path, 1e8).read_bytes()

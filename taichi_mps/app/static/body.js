@@ -19,15 +19,16 @@ export class Body {
   }
 
   hide() {
-    this.data = null;
+    this.data = this.asked = null;
     cancelAnimationFrame(this.due);
     delete this.stage.dataset.body;
   }
 
   // The film of the report at an address; what it holds was written by anybody, and is read as data alone.
   async report(address) {
+    this.asked = address;
     const found = DATA.exec(await (await fetch(address)).text().catch(() => ""));
-    if (found) await this.show(JSON.parse(found[1]));
+    if (found && this.asked === address) await this.show(JSON.parse(found[1]));
   }
 
   // Data as of a report; ``words`` stand in place of its time. Where a browser shows none the stage stays as it was.
