@@ -24,8 +24,8 @@ MESSAGE_PREFIX = "taichi-mps: "  # beginning of messages of the program
 
 @dataclass(eq=False)
 class Job:
-    """One command: ``words`` after ``taichi-mps``; for a run also the ``scene`` and its expected seconds, ``about``; for
-    a list the file of its results, ``out``."""
+    """One command: ``words`` after ``taichi-mps``; for a run also the ``scene`` and its expected seconds, ``about``;
+    for a list the file of its results, ``out``."""
 
     title: str
     words: list[str]

@@ -124,7 +124,7 @@ def sheet_as_csv(data: bytes, where: str) -> str:
     file = io.StringIO()
     try:
         sheet = openpyxl.load_workbook(io.BytesIO(data), data_only=True).worksheets[0]
-        rows = sheet.iter_rows(max_row=MAX_ROWS + 1, values_only=True)
+        rows = sheet.iter_rows(max_row=min(sheet.max_row, MAX_ROWS + 1), values_only=True)
         csv.writer(file, delimiter=";").writerows([cell_text(cell) for cell in row] for row in rows)
     except Exception as error:  # a file may come from anybody
         raise SceneError(

@@ -258,6 +258,7 @@ def test_a_test_without_preview_shows_its_vessel_to_scale_which_follows_the_fiel
         for length in ("70 cm", "80 cm"):
             tab.set(length=length)
             over = tab.page.locator("#stage[data-body]:not([data-old]) #over", has_text=length)
+            over.wait_for(state="attached")
             assert {"20 cm", "60 cm", length} <= set(over.locator("text").all_text_contents())
         before = tab.page.locator("#solid").screenshot()
         tab.page.locator("#solid").press("ArrowRight")
@@ -464,7 +465,15 @@ ASKED = st.sampled_from(
 BODIES = st.sampled_from([b"[", b"[" * 5000, b"\xff", b"{}" * 3, b"1e999", b'{"job":1' + b"0" * 5000 + b"}"])
 TEXTS = st.sampled_from(["-1", "nan", "1e400", "\x00", "\u202e", "../run", "<b>x</b>", "", "9" * 5000])
 VALUES = TEXTS | st.sampled_from([None, True, -1, 1e300, [], [1, 2], {}, {"slump": 1}, float("nan")])
-KEYS = {"file": VALUES, "test": VALUES, "to": VALUES, "job": VALUES, "check": VALUES, "more": VALUES, "names": st.lists(PARTS) | VALUES}
+KEYS = {
+    "file": VALUES,
+    "test": VALUES,
+    "to": VALUES,
+    "job": VALUES,
+    "check": VALUES,
+    "more": VALUES,
+    "names": st.lists(PARTS) | VALUES,
+}
 FIELDS = st.sampled_from(["yield_value", "spacing", "model", "slump", "spread", "scheme", "out", "threads", ""])
 KEYS["values"] = st.dictionaries(FIELDS, TEXTS, min_size=1) | VALUES
 QUESTIONS = BODIES | st.fixed_dictionaries({}, optional=KEYS).map(json.dumps)
