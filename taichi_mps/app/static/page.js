@@ -309,7 +309,7 @@ async function tick() {
   const {jobs = [], last, lost} = await ask("jobs");
   if (lost) return;
   const before = state.job;
-  const own = jobs.filter((job) => job.test === test().name);  // Stop stands only where its test is shown
+  const own = jobs.filter((job) => job.test === test()?.name);  // Stop stands only where its test is shown
   state.job = own.find((job) => job.state === "running") || own.find((job) => job.state === "waiting") || own.at(-1) || null;
   const {job} = state, over = job && ["done", "stopped", "failed"].includes(job.state);
   if (job && !over && !before && state.mode === "preview") mode("run");
