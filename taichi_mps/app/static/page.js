@@ -175,7 +175,7 @@ async function forecast() {
   by("forecast").replaceChildren(...(known.lines || []).map((text) => h("p", {}, text)));
   button();
   if (known.wrong && state.mode === "preview") numbers({}, {}, "");
-  else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, "Estimate; preview is coming.");
+  else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, test().preview ? "Estimate; preview is coming." : "Estimate; this test has no preview.");
   if (test().preview || known.wrong) return;
   if (known.beginning && state.mode === "preview") {
     delete by("stage").dataset.old;
