@@ -280,8 +280,7 @@ async function begin() {
     canvas.remove();
     element("about-view").textContent = `A section, since this browser draws nothing in space (${error.message}).`;
   }
-  canvas.onpointerdown = (down) => canvas.setPointerCapture(down.pointerId);
-  canvas.onpointermove = (move) => { if (canvas.hasPointerCapture(move.pointerId)) turn(0.008 * move.movementX, 0.006 * move.movementY); };
+  dragged(canvas, turn);
   canvas.onkeydown = ({ key }) => ({ ArrowLeft: () => turn(-0.1, 0), ArrowRight: () => turn(0.1, 0), ArrowUp: () => turn(0, 0.08), ArrowDown: () => turn(0, -0.08) })[key]?.();
   read();
   window.addEventListener("hashchange", read);

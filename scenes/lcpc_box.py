@@ -1,7 +1,7 @@
 """LCPC box: six litres spread in a long level box; the length they reach gives the yield stress.
 
-Source: Roussel (2007), Cem. Concr. Res. 37, 1298: box 1200 x 200 x 150 mm, 6 l; from memory, fairly sure. There the
-concrete is poured slowly at one end; here a block of 200 x 200 x 150 mm stands there and is let go at t = 0.
+Source: Roussel (2007), Mater. Struct., doi:10.1617/s11527-007-9230-4: box 1200 x 200 x 150 mm, 6 l; not confirmed.
+There the concrete is poured slowly at one end; here a block of 200 x 200 x 150 mm stands there and is let go at t = 0.
 Run time: three CPU-seconds to rest at the default spacing, six of a soft mix, and up to 20 s to compile.
 """
 

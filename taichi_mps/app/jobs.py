@@ -10,6 +10,7 @@ import time
 from asyncio.subprocess import DEVNULL, PIPE
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from ..io.run_folder import RunFolder, next_free
 from ..units import user_path
@@ -23,12 +24,14 @@ MESSAGE_PREFIX = "taichi-mps: "  # beginning of messages of the program
 
 @dataclass(eq=False)
 class Job:
-    """One command: ``words`` after ``taichi-mps``; for a run also the ``scene`` and its expected seconds, ``about``."""
+    """One command: ``words`` after ``taichi-mps``; for a run also the ``scene`` and its expected seconds, ``about``;
+    for a list the file of its results, ``out``."""
 
     title: str
     words: list[str]
     scene: str = ""
     about: float | None = None
+    out: Path | None = None
     state: str = "waiting"  # then running; at the end done, stopped or failed
     folder: RunFolder | None = None
     began: float = field(default_factory=time.monotonic)  # time of the request, then of its start

@@ -5,9 +5,13 @@ All tabs share the queue of runs, the folder they go into, and the processes of 
 """
 
 import json
+from base64 import b64decode, b64encode
+from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
 
 from ..input.labels import in_words
 from ..spelling import without_unit
+from ..study import measured_mixes
 from ..study.calibrate import Measurements, check_measurements, emulators_of
 from ..study.calibration import CONSTANT_UNITS, MAX_MISFIT, NAMES, RHEOMETER, Constant, rounded
 from ..units import Checked, require
@@ -34,6 +38,7 @@ class Query(Checked):
     check: bool = False  # whether a finer run checks a calibration
     names: list[str] = []  # names of runs
     to: str = ""  # new name of a run
+    file: str = ""  # a laboratory's list, base64
     job: int = 0
 
 
@@ -45,9 +50,10 @@ class Page:
         self.preview_process, self.forecast_process = Resident("preview"), Resident("forecast")
         self.known = {test["name"]: test for test in form.tests()}
         self.runs = runs
-        own = self.tests, self.forecast, self.run, self.calibrate, self.result, self.jobs, self.stop
+        self.lists = TemporaryDirectory(prefix="taichi_mps-")  # removed at the end of the server
+        own = self.tests, self.forecast, self.run, self.calibrate, self.calibrate_list, self.result, self.jobs
         of_runs = runs.list, runs.show, runs.compare, runs.resume, runs.rename, runs.delete, runs.restore
-        self.answers = {answer.__name__: answer for answer in (*own, *of_runs, runs.empty)}
+        self.answers = {answer.__name__: answer for answer in (*own, self.stop, *of_runs, runs.empty)}
 
     # ---- a mix -------------------------------------------------------------------------------------------------
     def tests(self, query: Query) -> dict:
@@ -116,9 +122,27 @@ class Page:
         words = ["calibrate", "--json", *form.options(query.values), *(["--no-check"] if not query.check else [])]
         return self.enqueue(Job("calibration", words))
 
+    def calibrate_list(self, query: Query) -> dict:
+        """Enqueue the calibration of a laboratory's list, a CSV file or an Excel sheet."""
+        table = Path(mkdtemp(dir=self.lists.name)) / "list"
+        table.write_bytes(b64decode(query.file, validate=True))
+        measured_mixes.read_list(table)  # at once, not by the job
+        out = table.with_name("calibrated.csv")
+        return self.enqueue(Job("list", ["calibrate", "--json", f"--table={table}", f"--out={out}"], out=out))
+
     def result(self, query: Query) -> dict:
-        """Result of a calibration."""
+        """Result of a calibration, or of that of a list: its rows, the meanings of verdicts, the table of results as
+        text, and its chart as base64, '' without matplotlib."""
         job = self.job_of(query)
+        if job.out and job.output:  # also where no mix is fitted, which the command counts as failed
+            chart = job.out.with_suffix(".png")
+            return {
+                "rows": json.loads(job.output),
+                "verdicts": measured_mixes.VERDICTS,
+                "csv": job.out.read_text(encoding="utf-8"),
+                "chart": b64encode(chart.read_bytes()).decode() if chart.is_file() else "",
+                "message": job.message,
+            }
         facts = json.loads(job.output) if job.words[0] == "calibrate" and job.state == "done" else {}
         return {"verdict": verdict(facts), **facts} if facts else {"state": job.state, "message": job.message}
 

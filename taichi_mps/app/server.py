@@ -35,7 +35,8 @@ LOCALHOST = "127.0.0.1"
 REFUSED = "Only for this machine: type the address into the browser."
 NO_TOKEN = "The address lacks its token: taichi-mps app prints the whole of it where it was started."
 STATIC = Path(__file__).with_name("static")
-MAX_REQUEST_BYTES = 100_000  # of a query
+DRAWN = "charts.js", "viewer.js", "film.js"  # scripts of a report that the page draws with, too
+MAX_REQUEST_BYTES, MAX_LIST_BYTES = 100_000, 10_000_000  # of a query; of one with a laboratory's list
 PICTURE = re.compile(rf"frames/{PICTURE_NAME.pattern}")
 PAGE_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 COMMON_HEADERS = {
@@ -119,7 +120,7 @@ def routes(page: Page) -> list[Route]:
         return FileResponse(STATIC / "index.html")
 
     async def drawing(request: Request):
-        return FileResponse(PAGE_PARTS / "charts.js")
+        return FileResponse(PAGE_PARTS / request.url.path[1:])
 
     def run_of(request: Request) -> str:
         return os.fsdecode(unquote_to_bytes(request.scope["raw_path"].split(b"/")[2]))  # which need be no UTF-8
@@ -132,9 +133,10 @@ def routes(page: Page) -> list[Route]:
         return FileResponse(shown.path, headers={"Content-Security-Policy": REPORT_POLICY})
 
     async def answer(request: Request):
-        if int(request.headers.get("content-length", MAX_REQUEST_BYTES)) >= MAX_REQUEST_BYTES:
-            raise HTTPException(413)
         what = request.path_params["what"]
+        most = MAX_LIST_BYTES if what == "calibrate_list" else MAX_REQUEST_BYTES
+        if int(request.headers.get("content-length", most)) >= most:
+            raise HTTPException(413)
         try:
             query = Query(**json.loads(await request.body()))
             if what == "preview":
@@ -148,7 +150,7 @@ def routes(page: Page) -> list[Route]:
 
     return [
         Route("/", start),
-        Route("/charts.js", drawing),
+        *(Route(f"/{name}", drawing) for name in DRAWN),
         Mount("/static", StaticFiles(directory=STATIC)),
         Route("/runs/{name}/{file:path}", run_file),
         Route("/report/{name}", report),

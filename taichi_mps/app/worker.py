@@ -21,6 +21,7 @@ from ..cli.run import describe_run, make_clock
 from ..engine import Bingham, Concrete, Frame, Problem, Scene, Simulation, pairs_of, require_memory
 from ..forecast import accuracy
 from ..input import catalogue
+from ..report.drawings import beginning
 from ..study.calibration import BINGHAM
 from ..study.emulator import RESULT_COLUMNS, emulator_of
 from ..study.reuse import begin
@@ -147,8 +148,8 @@ def preview(request: dict, tell, cancelled) -> None:
 # ---- forecasts -----------------------------------------------------------------------------------------------
 def forecast(words: list[str]) -> dict:
     """Forecast of a run from its command line: whether it is in ``space``, its ``seconds``, ``lines`` of text,
-    ``remarks`` on how it was read, and the measures by the ``table``; or, if it cannot be computed, its errors by key
-    in ``wrong``."""
+    ``remarks`` on how it was read, the measures by the ``table``, and of a test without preview the body at the
+    ``beginning``; or, if it cannot be computed, its errors by key in ``wrong``."""
     messages = io.StringIO()
     try:
         with warnings.catch_warnings(record=True) as warned, redirect_stderr(messages):
@@ -166,6 +167,7 @@ def forecast(words: list[str]) -> dict:
         "lines": describe_run(problem, clock),
         "remarks": remarks,
         "table": measures_by_table(problem.scene),
+        "beginning": None if words[0] in PREVIEW_MODELS else beginning(problem.scene),
     }
 
 

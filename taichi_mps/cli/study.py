@@ -69,7 +69,7 @@ class Lookup(Checked):
     )
     check: bool = Field(True, description="compute the cones once more, finer; without it in a second")
     table: str | None = Field(
-        None, description="a laboratory's list, CSV: one mix a line, columns as slump [cm], slump flow [cm]"
+        None, description="a laboratory's list, CSV or Excel: one mix a line, columns as slump [cm], slump flow [cm]"
     )
     out: Annotated[str | None, Only("table")] = Field(
         None,

@@ -103,8 +103,8 @@ def channel_at_rest(
 
         h dh/dx = -a (1 + 2 h/b)
 
-    Roussel (2007), Cem. Concr. Res. 37, 1298 (LCPC box); Nguyen, Roussel and Coussot (2006), Cem. Concr. Res. 36, 1789
-    (L-box). With ``normal_stress``
+    Roussel (2007), Mater. Struct., doi:10.1617/s11527-007-9230-4 (LCPC box); Nguyen, Roussel and Coussot (2006), Cem.
+    Concr. Res. 36, 1789 (L-box). With ``normal_stress``
 
         (h - pi a/2) dh/dx = -a (1 + 2 h/b),   h = pi a at the front
 

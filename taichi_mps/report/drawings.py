@@ -13,6 +13,7 @@ from ..input.labels import in_words, title, unit_of_measure
 from ..units import SceneError
 from ..viz.body import SECTORS, profile, smooth_surface
 from ..viz.view_volume import dimensions, view_volume, wall_lines, with_mirror_images
+from . import inputs
 from .sentences import is_scene_measure
 
 MAX_FILM_BYTES = 2_500_000  # of a film before base64, which adds a third: a page has less than 5 MB
@@ -21,13 +22,23 @@ MAX_STEPS_BETWEEN, SMOOTH_FILM = 2, 60  # steps from an output to the next, at m
 MAX_POSITION_CODE = 4095  # largest code of a position
 MAX_SPEED_CODE, FLOWING_BIT = 127, 128  # largest code of a speed; bit of flowing particles
 MAX_POINTS = 400  # of a curve
+MAX_BEGINNING = 100_000  # particles of a body before it flows, whose surface takes a second
 AT_HEIGHT = re.compile(r"(.+)_at_(\d+)mm_Pa")  # a pressure at a height
 CORNERS = 12  # of the polygon that is drawn for a particle
 
 
 def drawings(run, film: dict, last: Snapshot) -> dict:
-    """Data of all that page.js draws. Lengths [m]; lines as three lists x, y, z, with None between two lines."""
-    scene, walls_low, walls_high, floor = run.scene, *view_volume(run.scene)
+    """Data of all that page.js draws, with those of ``surroundings``."""
+    return surroundings(run.scene, film) | {
+        "charts": charts(run.history) + profiles(run.summary),
+        "section": section(last, run.scene),
+        "filling": filling(last, run.scene.cavity),
+    }
+
+
+def surroundings(scene, film: dict) -> dict:
+    """A film with what stands around its body. Lengths [m]; lines as three lists x, y, z, with None between two."""
+    walls_low, walls_high, floor = view_volume(scene)
     walls = wall_lines(scene, walls_low, walls_high, film["times"][-1])
     outline = [line for each in scene.outline for line in with_mirror_images(scene, each)]
     body = np.array(film["low"]) + np.outer((0, MAX_POSITION_CODE), film["step"])
@@ -47,10 +58,27 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
         "vessel": [face.round(5).tolist() for face in scene.vessel],
         "walls": polyline_coordinates([np.clip(line, low, high) for line in walls]),
         "outline": polyline_coordinates(outline),
-        "charts": charts(run.history) + profiles(run.summary),
-        "section": section(last, scene),
-        "filling": filling(last, scene.cavity),
     }
+
+
+def beginning(scene) -> dict | None:
+    """Data of the body before it flows, at a hose its first layer, as a film of one picture with the lengths of the
+    vessel or, without one, of the body; None for more than MAX_BEGINNING particles."""
+    parts = [x for x in (scene.fluid, *(inlet.layer(scene.spacing) for inlet in scene.inlets)) if x is not None]
+    if sum(map(len, parts)) > MAX_BEGINNING:
+        return None
+    shape = surface_geometry(scene, still(np.vstack(parts), scene.spacing))
+    drawn = surroundings(scene, packed_film([shape], [0.0], [[]]))
+    corners = np.concatenate(scene.vessel) if len(scene.vessel) else np.array([drawn["low"], drawn["high"]])
+    (x0, y0, z0), (x1, y1, z1) = corners.min(0).tolist(), corners.max(0).tolist()
+    drawn["film"]["dimensions"] = [
+        [
+            {"a": a, "b": b, "near": y0, "straight": True, "text": inputs.shown(float(np.subtract(b, a).sum()), "m")}
+            for a, b in (((x0, y0, z0), (x1, y0, z0)), ((x1, y0, z0), (x1, y1, z0)), ((x0, y0, z0), (x0, y0, z1)))
+            if a != b
+        ]
+    ]
+    return drawn
 
 
 def polyline_coordinates(lines) -> list[list]:
@@ -160,14 +188,25 @@ def film_data(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[d
         for frame in with_intermediate_frames(trajectory.replay(scene=scene, chosen=chosen), parts)
         for state in [frame.state]
     ]
+    box = view_volume(scene)[:2]
     shapes = [surface_geometry(scene, state) for state in states]
+    measured = [
+        dimensions(scene, at(history, state.time), *box, one[0][:, 0].max(initial=0.0))
+        for state, one in zip(states, shapes, strict=True)
+    ]
+    film = packed_film(shapes, [round(state.time, 6) for state in states], measured)
+    return film | {"outputs": len(outputs)}, end.state
+
+
+def packed_film(shapes, times, measured) -> dict:
+    """Film of shapes by ``surface_geometry`` at these times [s], with their dimensions, as ``film_data`` describes
+    it."""
     low, step = position_scale(shapes)
     fastest = max(speed.max(initial=0.0) for _, _, speed, _, _ in shapes) or 1.0
     streams = [pack(*one, fastest, low, step) for one in shapes]
     data = {key: b"".join(stream[key] for stream in streams) for key in streams[0]}
-    box = view_volume(scene)[:2]
     return {
-        "times": [round(state.time, 6) for state in states],
+        "times": times,
         "counts": [len(one[0]) for one in shapes],
         "links": [len(one[4]) for one in shapes],
         "corners": [one[4].shape[1] for one in shapes],
@@ -175,12 +214,8 @@ def film_data(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[d
         "low": low.tolist(),
         "step": step.tolist(),
         "fastest": float(fastest),
-        "outputs": len(outputs),
-        "dimensions": [
-            dimensions(scene, at(history, state.time), *box, one[0][:, 0].max(initial=0.0))
-            for state, one in zip(states, shapes, strict=True)
-        ],
-    } | {key: base64.b64encode(zlib.compress(stream)).decode() for key, stream in data.items()}, end.state
+        "dimensions": measured,
+    } | {key: base64.b64encode(zlib.compress(stream)).decode() for key, stream in data.items()}
 
 
 def with_intermediate_frames(frames, parts: int):

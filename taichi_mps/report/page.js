@@ -3,73 +3,10 @@ const data = JSON.parse(element("data").textContent), film = data.film, canvas =
 const MODES = { concrete: 0, speed: 1, flowing: 2 }, HOLD = 1.5; // [s] that the end of the film stays
 const state = { output: 0, playing: false, viewer: null, meshes: [] };
 
-// ---- the film -----------------------------------------------------------------------------------------------------
-/* Points, normals, shades and rows of triangles of each picture; a section is turned about the axis. */
-async function decoded() {
-  const [positions, normals, colours, rows] = await Promise.all([
-    inflated(film.positions, Int16Array), inflated(film.normals, Int8Array), inflated(film.colours, Uint8Array), inflated(film.rows, Int32Array)]);
-  let first = 0, row = 0;
-  return film.counts.map((count, picture) => {
-    const links = film.links[picture], c = film.corners[picture], codes = summed(positions.slice(3 * first, 3 * (first + count)), count, 3);
-    const at = new Float32Array(3 * count), normal = new Int8Array(3 * count), shade = colours.slice(first, first + count);
-    for (let i = 0; i < count; i++) for (let k = 0; k < 3; k++) {
-      at[3 * i + k] = film.low[k] + film.step[k] * codes[k * count + i];
-      normal[3 * i + k] = normals[3 * first + k * count + i];
-    }
-    const part = rows.slice(row, row + c * links), triangles = new Uint32Array(c * links);
-    for (let i = 0, begin = 0; i < links; i++) {
-      begin += part[i];
-      for (let k = 0; k < c; k++) triangles[c * i + k] = begin + (k ? part[k * links + i] : 0);
-    }
-    first += count;
-    row += c * links;
-    return c === 2 ? turned({ at, normal, shade, triangles }) : { at, normal, shade, triangles };
-  });
-}
-
-function turned({ at, normal, shade, triangles }) {
-  const n = film.sectors, count = shade.length, links = triangles.length / 2;
-  const made = { at: new Float32Array(3 * n * count), normal: new Int8Array(3 * n * count), shade: new Uint8Array(n * count), triangles: new Uint32Array(6 * n * links) };
-  for (let i = 0; i < count; i++) for (let s = 0; s < n; s++) {
-    const angle = (2 * Math.PI * s) / n, put = 3 * (i * n + s);
-    for (const key of ["at", "normal"]) {
-      const [r, , z] = { at, normal }[key].subarray(3 * i, 3 * i + 3);
-      made[key].set([r * Math.cos(angle), r * Math.sin(angle), z], put);
-    }
-    made.shade[i * n + s] = shade[i];
-  }
-  for (let i = 0; i < links; i++) for (let s = 0; s < n; s++) {
-    const next = (s + 1) % n, a = triangles[2 * i] * n, b = triangles[2 * i + 1] * n;
-    made.triangles.set([a + s, b + s, a + next, b + s, b + next, a + next], 6 * (i * n + s));
-  }
-  return made;
-}
-
-function mesh(output) { // on the graphics card, once
-  const made = state.meshes[output], viewer = state.viewer;
-  made.card ??= { at: viewer.buffer(made.at), normal: viewer.buffer(made.normal), shade: viewer.buffer(made.shade), rows: viewer.buffer(made.triangles, viewer.gl.ELEMENT_ARRAY_BUFFER), corners: film.corners[output], count: film.corners[output] ? made.triangles.length : made.shade.length };
-  return made.card;
-}
-
 // ---- the view -----------------------------------------------------------------------------------------------------
-/* Pairs of places of polylines x, y, z with null between; dashed by leaving out every third part. */
-function segments([x, y, z], dashed) {
-  const found = [], step = 0.012 * Math.max(...subtract(data.high, data.low));
-  for (let k = 1; k < x.length; k++) {
-    if (x[k] === null || x[k - 1] === null) continue;
-    const a = [x[k - 1], y[k - 1], z[k - 1]], b = [x[k], y[k], z[k]], parts = dashed ? Math.max(1, 2 * Math.floor(Math.hypot(...subtract(b, a)) / step / 2)) : 1;
-    const at = (fraction) => a.map((value, i) => value + fraction * (b[i] - value));
-    if (dashed && parts === 1 && k % 3 === 0) continue;
-    for (let part = 0; part < parts; part += 2) found.push(...at(part / parts), ...at(Math.min(1, (part + 1) / parts)));
-  }
-  return found;
-}
-
 function draw() {
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  const lines = [{ points: segments(data.outline, true), colour: dark ? [1, 0.5, 0.4, 1] : [0.77, 0.24, 0.15, 1] }, { points: segments(data.walls), colour: [0.5, 0.53, 0.57, 1] }];
-  const size = 1.24 * data.size;
-  state.viewer.draw(mesh(state.output), { mode: MODES[element("colour").value], panes: data.vessel, lines: lines.filter((line) => line.points.length), dark, size });
+  state.viewer.draw(onCard(state.viewer, state.meshes[state.output]), { mode: MODES[element("colour").value], ...around(data, dark) });
   over.replaceChildren(...film.dimensions[state.output].flatMap((each) => dimension(state.viewer, each)));
 }
 
@@ -80,18 +17,10 @@ function show(output) {
   draw();
 }
 
-/* Flow time over time of the film, such that it lasts some seconds, and its words. */
-function pace() {
-  const long = film.times.at(-1) - film.times[0];
-  const speed = long < 1.2 ? [0.5, 0.25, 0.1, 0.05, 0.02, 0.01].find((value) => long / value >= 1.2) ?? 0.01 : [1, 2, 5, 10, 20, 50, 100, 200, 500].find((value) => long / value <= 12) ?? 1000;
-  const words = { 1: "real time", 0.5: "half speed", 0.25: "quarter speed", 2: "double speed" };
-  return [speed, words[speed] ?? `${speed}x speed`];
-}
-
 function play(on) {
   state.playing = on;
   element("play").textContent = on ? "Pause" : "Play";
-  const [speed] = pace(), last = film.times.length - 1;
+  const [speed] = pace(film), last = film.times.length - 1;
   let begun = performance.now(), from = state.output >= last ? film.times[0] : film.times[state.output];
   const step = (now) => {
     if (!state.playing) return;
@@ -118,9 +47,7 @@ function zoom(factor) {
 }
 
 async function begin() {
-  const size = Math.max(...subtract(data.high, data.low));
-  const tick = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1].find((value) => value >= size / 14) ?? 2;
-  state.viewer = new Viewer(canvas, [data.low, data.high], { floor: data.floor, tick, flat: data.dimension === 2 });
+  state.viewer = new Viewer(canvas, ...fitting(data));
   document.body.classList.add("moving");
   element("time").max = film.times.length - 1;
   element("time").oninput = () => { play(false); show(Number(element("time").value)); };
@@ -128,10 +55,9 @@ async function begin() {
   element("colour").onchange = () => { element("key").className = element("colour").value; draw(); };
   element("nearer").onclick = () => zoom(1.25);
   element("farther").onclick = () => zoom(0.8);
-  element("pace").textContent = pace()[1];
+  element("pace").textContent = pace(film)[1];
   element("fastest").textContent = `${film.fastest.toPrecision(2)} m/s`;
-  canvas.onpointerdown = (down) => canvas.setPointerCapture(down.pointerId);
-  canvas.onpointermove = (move) => { if (canvas.hasPointerCapture(move.pointerId)) turn(0.008 * move.movementX, 0.006 * move.movementY); };
+  dragged(canvas, turn);
   canvas.onkeydown = ({ key }) => ({ ArrowLeft: () => turn(-0.1, 0), ArrowRight: () => turn(0.1, 0), ArrowUp: () => turn(0, 0.08), ArrowDown: () => turn(0, -0.08), "+": () => zoom(1.25), "-": () => zoom(0.8) })[key]?.();
   new ResizeObserver(draw).observe(canvas);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
@@ -147,7 +73,7 @@ async function write() {
   element("save-curves").onclick = () => save(name("curves"), columns(data.charts));
   element("save-results").onclick = () => save(name("results"), results(table));
   try {
-    state.meshes = await decoded();
+    state.meshes = await decoded(film);
     const { middle } = data.section;
     cross(data.section, middle === undefined ? null : sliced(state.meshes.at(-1), middle, data.floor), element("section"));
     if (data.filling) filled(data.filling, element("section"));

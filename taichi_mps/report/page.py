@@ -26,7 +26,7 @@ from . import inputs, sentences
 from .drawings import drawings, film_data
 
 PAGE_PARTS = Path(__file__).parent
-"""Parts of the page: page.html, page.css, and the scripts charts.js, viewer.js and page.js."""
+"""Parts of the page: page.html, page.css, and the scripts charts.js, viewer.js, film.js and page.js."""
 
 
 class RunRecord:
@@ -63,9 +63,9 @@ def write(
     run = RunRecord(folder, scene, scene_file)
     run.summary |= {key: text for key, text in (("title", title), ("note", note)) if text}
     shown, last = film_data(Trajectory(folder.trajectory), run.scene, run.history)
-    names = ("page.html", "page.css", "charts.js", "viewer.js", "page.js")
+    names = ("page.html", "page.css", "charts.js", "viewer.js", "film.js", "page.js")
     template, style, *scripts = ((PAGE_PARTS / name).read_text(encoding="utf-8") for name in names)
-    texts = page_texts(run, shown) | dict(zip(("charts", "viewer", "page"), scripts, strict=True))
+    texts = page_texts(run, shown) | dict(zip(("charts", "viewer", "film", "page"), scripts, strict=True))
     data = json.dumps(drawings(run, shown, last), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     finish()
     page = Template(template).substitute(texts, style=style, data=data, still=last_picture(folder))

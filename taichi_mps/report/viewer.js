@@ -39,9 +39,10 @@ class Viewer {
   /* Draws on a canvas; throws where there is no WebGL 2. ``box``: low and high corner of what is to be seen; ``detail``:
      pixels that are drawn over those of the screen, along a side; ``smooth``: edges, which takes twice the time without a
      graphics card. */
-  constructor(canvas, box, { floor, tick, flat, smooth = true }) {
+  constructor(canvas, box, { smooth = true, ...given }) {
     this.canvas = canvas;
-    Object.assign(this, { box, floor, tick, flat, turn: flat ? 0 : 0.35, tilt: flat ? 0 : 0.27, zoom: 1, detail: 1 });
+    this.detail = 1;
+    this.fit(box, given);
     const gl = (this.gl = canvas.getContext("webgl2", { antialias: smooth, stencil: true, preserveDrawingBuffer: true, premultipliedAlpha: true }));
     if (!gl) throw new Error("no WebGL 2");
     this.programs = {};
@@ -63,6 +64,11 @@ class Viewer {
       }
       this.programs[name] = { program, uniforms };
     }
+  }
+
+  /* Another box, seen from where a first one is seen. */
+  fit(box, { floor, tick, flat }) {
+    Object.assign(this, { box, floor, tick, flat, turn: flat ? 0 : 0.35, tilt: flat ? 0 : 0.27, zoom: 1 });
     this.middle = box[0].map((value, k) => 0.5 * (value + box[1][k]));
     this.reach = 1.6 * Math.hypot(box[1][0] - box[0][0], box[1][1] - box[0][1]);
   }
@@ -176,9 +182,21 @@ class Viewer {
   }
 }
 
+/* Turn by a mouse or a finger on a canvas. By its places: browsers leave out how far a finger has moved. */
+function dragged(canvas, turn) {
+  let at = null;
+  canvas.onpointerdown = (down) => { canvas.setPointerCapture(down.pointerId); at = down; };
+  canvas.onpointermove = (move) => {
+    if (at?.pointerId !== move.pointerId) return;
+    turn(0.008 * (move.clientX - at.clientX), 0.006 * (move.clientY - at.clientY));
+    at = move;
+  };
+  canvas.onpointerup = canvas.onpointercancel = () => (at = null);
+}
+
 /* A measured length: an arrow, a level one below the body and joined with its ends. */
-function dimension(viewer, { a, b, near, text }) {
-  const level = a[2] === b[2], round = level && a[0] === -b[0];
+function dimension(viewer, { a, b, near, text, straight = false }) {
+  const level = a[2] === b[2], round = level && !straight && a[0] === -b[0];
   if (round) { // a diameter: seen from everywhere
     const r = Math.hypot(...subtract(a, b)) / 2, [x, y] = viewer.right;
     [a, b] = [[-r * x, -r * y, a[2]], [r * x, r * y, a[2]]];

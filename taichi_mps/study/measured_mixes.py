@@ -61,9 +61,9 @@ def hint(column: str) -> str:
 
 @validated
 def read_list(path: File) -> list[dict[str, str]]:
-    """Read the rows of a list as text: a CSV file whose columns are measurements, `slump [cm]` or `slump` in SI units,
-    and any others, which are kept; one with a name of the results is kept as `... (given)`. SceneError for any other
-    file."""
+    """Read the rows of a list as text: a CSV file or an Excel sheet whose columns are measurements, `slump [cm]` or
+    `slump` in SI units, and any others, which are kept; one with a name of the results is kept as `... (given)`.
+    SceneError for any other file."""
     rows, fields = with_units_of_first_row(tables.read_list(path)), {}
     for column in (name for name in rows[0] if name):
         try:
@@ -77,8 +77,8 @@ def read_list(path: File) -> list[dict[str, str]]:
         fields |= {field: column} if field else {}
     require(
         fields.keys() & set(FIELD_OF_RESULT.values()),
-        f"table = {path}: has no column {', '.join(NAMES.values())}; must be a CSV file with a line for each mix "
-        f"and the unit in the column's name: slump [cm]; {unused(rows)}",
+        f"table = {path}: has no column {', '.join(NAMES.values())}; must be a CSV file or an Excel sheet with a "
+        f"line for each mix and the unit in the column's name: slump [cm]; {unused(rows)}",
     )
     names = {name: f"{name} (given)" if RESULT_COLUMN.fullmatch(name or "") else name for row in rows for name in row}
     return [{names[name]: cell for name, cell in row.items()} for row in rows]

@@ -1,4 +1,4 @@
-"""Tables: CSV files of users, what their columns hold, and the folder of a study.
+"""Tables: CSV files and Excel sheets of users, what their columns hold, and the folder of a study.
 
 ``journal.jsonl``   one row a line, flushed to the disk before the next case; it alone is read when a study is resumed
 ``results.csv``     the same rows in the order of the cases, one column a quantity
@@ -11,6 +11,7 @@ import os
 import re
 import unicodedata
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 from ..input.labels import is_measure
@@ -54,13 +55,14 @@ NAME_AND_UNIT = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNIT})\.?")  # n
 
 # ---- lists ----------------------------------------------------------------------------------------------------
 def read_list(path, key: str = "table") -> list[dict[str, str]]:
-    """Read a CSV file as rows of text by column, without empty rows and columns. Cells are separated by commas,
-    semicolons or tabs; comments (#) may precede the header; a decimal comma is read as a point where it is unambiguous.
-    A row with more or fewer cells than the header has a text under ROW_ERROR. SceneError, which names the option
-    ``key`` and the line, for any other file."""
+    """Read a CSV file, or the first sheet of an Excel workbook (.xlsx), as rows of text by column, without empty rows
+    and columns. Cells of a CSV file are separated by commas, semicolons or tabs; comments (#) may precede the header; a
+    decimal comma is read as a point where it is unambiguous. A row with more or fewer cells than the header has a text
+    under ROW_ERROR. SceneError, which names the option ``key`` and the line, for any other file."""
     where = f"{key} = {path}: "
     try:
-        text = decoded(regular_file(f"{key} = {path}", path, 1e8).read_bytes())
+        data = regular_file(f"{key} = {path}", path, 1e8).read_bytes()
+        text = sheet_as_csv(data, where) if data[:4] == b"PK\x03\x04" else decoded(data)  # zipped
     except OSError as error:
         raise SceneError(f"{where}cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:
@@ -108,6 +110,33 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
                 "; a number with a decimal comma must be in quotes" if delimiter == "," and len(row) >= width else ""
             )
     return table
+
+
+def sheet_as_csv(data: bytes, where: str) -> str:
+    """Text of the first sheet of an Excel workbook as CSV with semicolons, a line for each row; of formulas their last
+    values. SceneError, which begins with ``where``, for any other zipped file, and without openpyxl."""
+    require(
+        find_spec("openpyxl"),
+        f"{where}an Excel sheet needs openpyxl: pip install 'taichi-mps[excel]', or save it as CSV",
+    )
+    import openpyxl
+
+    file = io.StringIO()
+    try:
+        sheet = openpyxl.load_workbook(io.BytesIO(data), data_only=True).worksheets[0]
+        rows = sheet.iter_rows(max_row=min(sheet.max_row, MAX_ROWS + 1), values_only=True)
+        csv.writer(file, delimiter=";").writerows([cell_text(cell) for cell in row] for row in rows)
+    except Exception as error:  # a file may come from anybody
+        raise SceneError(
+            f"{where}is no Excel workbook ({type(error).__name__}); must be an .xlsx or a CSV file"
+        ) from None
+    return file.getvalue()
+
+
+def cell_text(value) -> str:
+    """Text of a cell of a workbook on one line, a number with up to twelve figures; '' of an empty one."""
+    text = f"{value:.12g}" if isinstance(value, float | int) and not isinstance(value, bool) else value
+    return "" if text is None else " ".join(str(text).split())
 
 
 def decoded(data: bytes) -> str:

@@ -142,6 +142,8 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         one.press("run")
         status = one.part("status", "Slump")
         status.wait_for()
+        stays = "document.querySelector('#picture[src]') || document.querySelector('#section').checkVisibility()"
+        assert one.page.evaluate(stays), "the preview until the run has a picture"
         picture = one.page.locator("#picture[src]")
         picture.wait_for()
         assert "/runs/slump/frames/frame_0" in picture.get_attribute("src")
@@ -150,6 +152,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
 
         last = one.part("last", "yield stress 500 Pa")
         last.wait_for()
+        one.page.locator("#stage[data-body] #over", has_text="slump flow").wait_for()  # the lit body of its report
         summary = RunFolder(tmp_path / "slump").read_summary()
         assert summary["parameters"]["yield_value"] == 500.0 and summary["parameters"]["spacing"] == 0.02
         assert f"Slump {written('slump_m', summary['slump_m'])}" in last.inner_text()
@@ -248,6 +251,23 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
 
 
 @needs_chromium
+def test_a_test_without_preview_shows_its_vessel_to_scale_which_follows_the_fields(tmp_path):
+    with serving(tmp_path) as (port, server), chromium() as browser:
+        tab = Tab(browser, port, "#l_box")
+        tab.page.locator("#more").evaluate("details => { details.open = true }")
+        for length in ("70 cm", "80 cm"):
+            tab.set(length=length)
+            over = tab.page.locator("#stage[data-body]:not([data-old]) #over", has_text=length)
+            over.wait_for(state="attached")
+            assert {"20 cm", "60 cm", length} <= set(over.locator("text").all_text_contents())
+        before = tab.page.locator("#solid").screenshot()
+        tab.page.locator("#solid").press("ArrowRight")
+        assert tab.page.locator("#solid").screenshot() != before
+        tab.page.locator('[data-test="slump"]').click()
+        assert tab.result() and tab.page.locator("#stage[data-body]").count() == 0 and tab.wrong == []
+
+
+@needs_chromium
 def test_a_length_asks_for_its_unit_and_the_tests_are_one_stop_of_the_keyboard(tmp_path):
     with serving(tmp_path) as (port, server), chromium() as browser:
         tab = Tab(browser, port, "#wall")
@@ -259,6 +279,10 @@ def test_a_length_asks_for_its_unit_and_the_tests_are_one_stop_of_the_keyboard(t
         tab.page.get_by_role("button", name="40 cm?").click()
         assert tab.field("height").input_value() == "40 cm" and units.inner_text() == "", "a unit stands once"
         assert "height=40+cm" in tab.page.url and tab.page.locator(".asked button").count() == 0
+        tab.set(rate="30", hose_diameter="90", age="10", spacing="0.02")
+        asked = {"30 l/min?", "90 mm?", "10 min?"}  # what the units of SI explain is not
+        assert set(tab.page.locator(".asked button").all_inner_texts()) == asked
+        assert tab.field("age").get_attribute("placeholder") == "0 min"
         assert tab.page.locator('#tests a[tabindex="0"]').count() == 1
         tab.page.locator('[data-test="wall"]').focus()
         tab.page.keyboard.press("ArrowRight")
@@ -268,6 +292,40 @@ def test_a_length_asks_for_its_unit_and_the_tests_are_one_stop_of_the_keyboard(t
         between = f"Stage.prototype.now.call({{{frames}, {scene}}})"
         x = tab.page.evaluate(f"import('/static/stage.js').then(({{Stage}}) => [...{between}.x])")
         assert x == [100.0, 20.0, 1.0], "the nearer way, across the end of the period"
+        assert tab.wrong == []
+
+
+LIST = "mix,slump [cm],spread [mm],note\nfive,17.99,319.3,<b>dry\nfar,15,600,\nmisread,20,200,=1\n"
+
+
+@needs_chromium
+def test_a_dropped_list_gives_the_table_of_the_command_line_with_reasons_chart_and_download(tmp_path):
+    """As CSV, chosen and dropped, and as an Excel sheet; what is no list says so at its field."""
+    book, lines = pytest.importorskip("openpyxl").Workbook(), [line.split(",") for line in LIST.splitlines()]
+    for line in lines:
+        book.active.append(line)
+    book.active["D4"].data_type = "s"  # no formula
+    book.save(tmp_path / "mixes.xlsx")
+    (tmp_path / "mixes.csv").write_text(LIST)
+    assert mps.main(["calibrate", "--table", str(tmp_path / "mixes.csv")]) == 0
+    with serving(tmp_path) as (port, server), chromium() as browser:
+        tab = Tab(browser, port, "#calibrate")
+        tab.field("list").set_input_files({"name": "notes.csv", "mimeType": "text/csv", "buffer": b"a,b\n1,2\n"})
+        tab.page.locator("#list-wrong", has_text="notes.csv: Has no column slump").wait_for()
+        for name in ("mixes.csv", "mixes.xlsx"):
+            tab.field("list").set_input_files(tmp_path / name)
+            tab.part("verdicts", "3 mixes: 1 fitted, 1 two answers, 1 refused").wait_for()
+            with tab.page.expect_download() as given:
+                tab.press("save-list")
+            assert Path(given.value.path()).read_text() == (tmp_path / "mixes-calibrated.csv").read_text()
+            assert re.search(r"five\s+fitted\s+\d+ \(\d+ to \d+\)[^$]+alone says", tab.part("list").inner_text())
+            assert tab.part("list-chart").evaluate("image => image.decode().then(() => image.naturalWidth)") > 500
+            tab.page.reload()
+            tab.field("list").wait_for()
+        data = "const data = new DataTransfer(); data.items.add(new File([text], 'dropped.csv'))"
+        sent = "place.dispatchEvent(new DragEvent('drop', {dataTransfer: data, bubbles: true, cancelable: true}))"
+        tab.page.evaluate(f"text => {{ const place = document.getElementById('calibrate'); {data}; {sent} }}", LIST)
+        tab.part("verdicts", "3 mixes").wait_for()
         assert tab.wrong == []
 
 
@@ -403,11 +461,20 @@ PARTS = st.sampled_from(
 )
 ASKED = st.sampled_from(
     ["result", "stop", "list", "show", "compare", "draw", "resume", "rename", "delete", "restore", "calibrate", "jobs"]
+    + ["calibrate_list"]
 )
 BODIES = st.sampled_from([b"[", b"[" * 5000, b"\xff", b"{}" * 3, b"1e999", b'{"job":1' + b"0" * 5000 + b"}"])
 TEXTS = st.sampled_from(["-1", "nan", "1e400", "\x00", "\u202e", "../run", "<b>x</b>", "", "9" * 5000])
 VALUES = TEXTS | st.sampled_from([None, True, -1, 1e300, [], [1, 2], {}, {"slump": 1}, float("nan")])
-KEYS = {"test": VALUES, "to": VALUES, "job": VALUES, "check": VALUES, "more": VALUES, "names": st.lists(PARTS) | VALUES}
+KEYS = {
+    "file": VALUES,
+    "test": VALUES,
+    "to": VALUES,
+    "job": VALUES,
+    "check": VALUES,
+    "more": VALUES,
+    "names": st.lists(PARTS) | VALUES,
+}
 FIELDS = st.sampled_from(["yield_value", "spacing", "model", "slump", "spread", "scheme", "out", "threads", ""])
 KEYS["values"] = st.dictionaries(FIELDS, TEXTS, min_size=1) | VALUES
 QUESTIONS = BODIES | st.fixed_dictionaries({}, optional=KEYS).map(json.dumps)

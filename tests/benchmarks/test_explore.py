@@ -76,6 +76,29 @@ def test_it_shows_the_mixes_of_the_table_and_those_between_as_the_command_measur
     tab.wait_for_function("state.time === Infinity && !state.playing")
 
 
+PULLS = {  # what a finger pulls on an emulated phone, how far [pixels], and what is then so
+    "#yield": (-80, 0, "state.yield < 200"),
+    "#view": (60, 0, "Math.abs(state.viewer.turn - 0.83) < 0.1"),
+    "#stage": (0, -150, "scrollY > 50"),
+}
+
+
+@needs_chromium
+@pytest.mark.parametrize("what", PULLS)
+def test_a_finger_pulls_the_yield_stress_turns_the_cone_and_scrolls_the_page(what):
+    across, up, then = PULLS[what]
+    with chromium() as browser:
+        tab = browser.new_context(viewport={"width": 390, "height": 600}, has_touch=True, is_mobile=True).new_page()
+        tab.goto(f"{explore.PAGE.as_uri()}#yield=300")
+        tab.evaluate("ready")
+        hand, box = tab.context.new_cdp_session(tab), tab.locator(what).bounding_box()
+        x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+        for kind, k in [("Start", 0), *(("Move", k) for k in range(1, 11)), ("End", None)]:
+            at = [] if k is None else [{"x": x + 0.1 * k * across, "y": y + 0.1 * k * up}]
+            hand.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": at})
+        tab.wait_for_function(then)
+
+
 @needs_chromium
 def test_it_fits_a_phone_and_draws_a_section_without_webgl(show, tmp_path):
     (tmp_path / "flat.html").write_text(explore.PAGE.read_text("utf-8").replace('"webgl2"', '"none"'), encoding="utf-8")

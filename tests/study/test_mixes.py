@@ -1,6 +1,7 @@
 """A laboratory's list: finite elements give back the constants of their input, and contradictory tests two answers."""
 
 import csv
+import io
 import os
 import re
 from pathlib import Path
@@ -26,6 +27,7 @@ from taichi_mps.study.measured_mixes import (
 )
 
 pytest.importorskip("scipy")
+openpyxl = pytest.importorskip("openpyxl")
 
 LIST = """# measured by finite elements of 500 and 1000 Pa, 50 Pa s
 mix,slump [cm],spread [mm],plastic_viscosity
@@ -179,6 +181,15 @@ def test_a_column_is_known_by_what_people_write_above_it(field):
         assert not others or not measurements_of({column: cell})  # alone it says nothing, as in a row without slump
 
 
+def sheet(*rows) -> bytes:
+    """An Excel workbook with these rows in its first sheet."""
+    book, file = openpyxl.Workbook(), io.BytesIO()
+    for row in rows:
+        book.active.append(row)
+    book.save(file)
+    return file.getvalue()
+
+
 ROWS = [(0.185, 0.321), (0.21, 0.344)]  # slump and slump flow [m] of the lists below
 
 
@@ -199,6 +210,8 @@ ROWS = [(0.185, 0.321), (0.21, 0.344)]  # slump and slump flow [m] of the lists 
         "sep=;\r\nslump [cm];spread [cm]\r\n18,5;32,1\r\n21;34,4\r\n",
         'slump\n[cm];"spread\n[cm]";"a;""b"\n18,5;32,1;"two\nlines"\n21;34,4;\n'.replace("slump\n", "slump "),
         "\n#c\n".join(["", "mix,slump [mm],slump flow [mm],\nA,185,321,\nA,210,344,"]),
+        sheet(["# 2026"], [], ["slump [cm]", "spread\n[cm]", "", "; day"], [18.5, "32,1"], ["21,0", 34.4, None, "5;6"]),
+        sheet(["mix", "slump", "spread", True], ["", "cm", "mm"], [], ["A", 5 * 3.7, 321], [None, 21, 344.0]),
     ],
 )
 def test_a_list_is_read_as_a_spreadsheet_writes_it(tmp_path, text):
@@ -227,6 +240,8 @@ def test_a_list_is_read_as_a_spreadsheet_writes_it(tmp_path, text):
         ("mix,slump [cm]\nA\0,18\n", "line 2 holds a NUL character"),
         ("mix,slump [cm]\nA,18\n".encode("utf-16-le"), "line 1 holds a NUL character"),
         (b"mix,slump\n\x81\x8d\x8f,18\n", "is no text in UTF-8"),
+        (b"PK\x03\x04" + 99 * b"x", r"is no Excel workbook \(BadZipFile\); must be an .xlsx or a CSV file"),
+        (sheet(["mix"], [1]), "has no column slump"),
         ("slump [cm],Slump (mm)\n1,2\n", r"'slump \[cm\]' and 'Slump \(mm\)' are both slump; must be one"),
         ("Slump flow,SF [mm]\n1,2\n", r"'Slump flow' and 'SF \[mm\]' are both spread"),
         ("note,slump,note\n1,2,3\n", "column 'note' stands there twice"),
@@ -259,6 +274,13 @@ def test_any_list_is_refused_in_one_line_or_gives_every_row_a_verdict(tmp_path_f
         assert "\n" not in str(error)
     else:
         assert found and all(row["verdict"] for row in found)
+
+
+def test_a_sheet_without_the_extra_says_how_to_get_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(tables, "find_spec", lambda name: None)
+    assert main(["calibrate", "--table", str(written(tmp_path, sheet(["slump"], [0.2])))]) == 2
+    needs = "an Excel sheet needs openpyxl: pip install 'taichi-mps[excel]', or save it as CSV"
+    assert capsys.readouterr().err.endswith(f"mixes.csv: {needs}\n")
 
 
 def test_a_number_in_a_column_without_a_name_is_refused_but_for_the_first(tmp_path):

@@ -73,17 +73,28 @@ export function inTime(seconds) {
   return `${Math.max(1, Number(seconds.toPrecision(2)))} s`;
 }
 
+// Sizes of the units in which people think of lengths, flow rates and ages, by the unit of the field.
+const THOUGHT = {m: {mm: 1e-3, cm: 1e-2}, "m3/s": {"l/min": 1 / 6e4}, age: {min: 60}};
+
+// The usual text of a field, with a unit of its own where people think in another than that of the field.
+export function usual(field) {
+  return field.name in THOUGHT && field.usual ? `${field.usual} ${Object.keys(THOUGHT[field.name])[0]}` : field.usual;
+}
+
 // The unit in which a text of a field is taken: none beside one that has its own.
 export function unitOf(field, text) {
-  const shown = text.trim() || field.usual;
+  const shown = text.trim() || usual(field);
   return /^[-+\d.,\s]*$/.test(shown) ? field.unit : "";
 }
 
-// A length without a unit that is far too large in metres, as it was meant: "18 cm"; or "".
+// A number without a unit that is far too large in the unit of its field, as it was meant: "18 cm", in the unit that comes
+// nearest to the default; an age alone is always asked. Or "".
 export function meant(field, text) {
-  const number = Number(text.replace(",", "."));
-  if (field.unit !== "m" || !text.trim() || !(number >= 20 * (field.default || 0.15))) return "";
-  return `${number} ${number < 100 ? "cm" : "mm"}`;
+  const number = Number(text.replace(",", ".")), sizes = THOUGHT[field.name] || THOUGHT[field.unit];
+  const standard = field.default || {m: 0.15, "m3/s": 0.012}[field.unit] || 0;
+  if (!sizes || !text.trim() || !(number > 0 && number >= 20 * standard)) return "";
+  const off = (unit) => Math.abs(Math.log((number * sizes[unit]) / (standard || 1)));
+  return `${number} ${Object.keys(sizes).reduce((best, unit) => (off(unit) < off(best) ? unit : best))}`;
 }
 
 // The question for what was meant, as a button below a field; ``take`` gets the text with its unit.

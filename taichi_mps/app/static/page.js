@@ -1,6 +1,7 @@
 // The page: which test, its form, preview and run. All that is set stands in the address.
 
-import {ask, by, en206, h, icon, inTime, listen, question, told, unitOf} from "./ask.js";
+import {ask, by, en206, h, icon, inTime, listen, question, told, unitOf, usual} from "./ask.js";
+import {Body} from "./body.js";
 import {Calibrate} from "./calibrate.js";
 import {Runs} from "./runs.js";
 import {Stage} from "./stage.js";
@@ -18,6 +19,7 @@ const HEADS = {mix: "mix", test: "test", "accuracy and cost": "accuracy and cost
 
 const state = {tests: {}, chosen: null, values: {}, mode: "preview", job: null, known: null};
 const stage = new Stage(by("section"), by("time"), by("again"));
+const body = new Body(by("stage"), by("solid"), by("over"), by("time"));
 let calling = null, checking = 0, resting = null, runs, calibrate;
 
 // ---- the address ----------------------------------------------------------------------------------------------
@@ -69,6 +71,7 @@ function choose(name, values) {
     button();
     numbers({}, {}, "");
     stage.clear();
+    body.hide();
     delete by("stage").dataset.old;
     mode("preview");
   }
@@ -102,7 +105,7 @@ function control(field) {
     const made = h("select", {id, "data-field": field.name, onchange: changed}, options);
     return h("div.field", {title: field.help}, label, made, h("p.wrong", {id: `${id}-wrong`}));
   }
-  const shown = {id, "data-field": field.name, placeholder: field.usual, "aria-describedby": `${id}-wrong`, spellcheck: "false"};
+  const shown = {id, "data-field": field.name, placeholder: usual(field), "aria-describedby": `${id}-wrong`, spellcheck: "false"};
   const made = h("input", {...shown, inputmode: field.unit ? "decimal" : "text", oninput: changed});
   const row = h("div.field", {title: field.help}, label, made, h("span.unit", {}, unitOf(field, "")), h("p.wrong", {id: `${id}-wrong`}), h("p.asked"));
   if (field.ends) {
@@ -172,9 +175,15 @@ async function forecast() {
   by("forecast").replaceChildren(...(known.lines || []).map((text) => h("p", {}, text)));
   button();
   if (known.wrong && state.mode === "preview") numbers({}, {}, "");
-  else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, "Estimate; preview is coming.");
-  if (!test().preview && !known.wrong)
-    by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
+  else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, test().preview ? "Estimate; preview is coming." : "Estimate; this test has no preview.");
+  if (test().preview || known.wrong) return;
+  if (known.beginning && state.mode === "preview") {
+    delete by("stage").dataset.old;
+    await body.show(known.beginning, "before it flows, to scale");
+    if (number !== checking) return;
+    if (!known.table) numbers({}, {}, `This test has no preview. ${known.lines?.[1] || ""}`);
+  } else if (state.mode === "preview") body.hide();
+  by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
 }
 
 // What is wrong, at its field; what belongs to none above the button.
@@ -197,6 +206,7 @@ function mark(name, text) {
 async function preview() {
   calling?.abort();
   by("stage").dataset.test = test().preview ? "moving" : "still";
+  if (test().preview) body.hide();
   state.computed = false;
   if (!test().preview) return;
   const call = (calling = new AbortController()), start = performance.now();
@@ -299,7 +309,7 @@ async function tick() {
   const {jobs = [], last, lost} = await ask("jobs");
   if (lost) return;
   const before = state.job;
-  const own = jobs.filter((job) => job.test === test().name);  // Stop stands only where its test is shown
+  const own = jobs.filter((job) => job.test === test()?.name);  // Stop stands only where its test is shown
   state.job = own.find((job) => job.state === "running") || own.find((job) => job.state === "waiting") || own.at(-1) || null;
   const {job} = state, over = job && ["done", "stopped", "failed"].includes(job.state);
   if (job && !over && !before && state.mode === "preview") mode("run");
@@ -322,7 +332,7 @@ function follow(job) {
     by("status").textContent = waits ? `${job.title}: waits until the one before is done` : `${spent}: ${where}`;
     by("bar").firstElementChild.style.width = `${100 * Math.min(1, about ? job.spent / about : 0)}%`;
     by("stage").dataset.job = job.state;
-    if (job.picture) by("picture").src = job.picture;
+    if (job.picture) body.hide(), by("picture").src = job.picture;
     by("picture").alt = job.title;
     source(job.title);
     for (const id of ["verdict", "numbers"]) by(id).replaceChildren();
@@ -336,6 +346,7 @@ async function finished(job, last) {
   const run = await ask("show", {names: [job.run]});
   if (run.wrong) return source(`${job.title}: stopped before it began`);  // it has no folder yet
   if (run.film) by("picture").src = run.film;
+  if (run.report) body.report(run.report);
   const stopped = job.state === "stopped";  // what it had reached by then is no result
   numbers(stopped ? {} : run.numbers, run.errors, `${run.name}: ${run.mix}; ${run.end}${stopped ? `. ${run.result}` : ""}`, stopped ? "" : run.verdict);
 }

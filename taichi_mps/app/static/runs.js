@@ -6,7 +6,7 @@ function size(bytes) {
   return bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${Number((bytes / 1e6).toPrecision(2))} MB`;
 }
 
-function table(head, lines) {
+export function table(head, lines) {
   const row = (kind, cells) => h("tr", {}, cells.map((cell, k) => h(k && kind === "td" ? "td" : "th", {scope: kind === "th" ? "col" : "row"}, cell)));
   return h("table", {}, head.length ? h("thead", {}, row("th", head)) : "", h("tbody", {}, lines.map((line) => row("td", line))));
 }
