@@ -2,7 +2,7 @@
 
 import taichi_mps as mps
 
-from . import Row, curved, flows, fluids, measured, slumps, standing, vortices
+from . import Row, curved, flows, fluids, grains, measured, slumps, standing, vortices
 from .standing import HEIGHT
 
 CLOSED = "closed form"
