@@ -4,10 +4,11 @@ import numpy as np
 
 import taichi_mps as mps
 
-from . import Measured, record, run
+from . import Measured, record
 
 SIZE, DENSITY, EXTRA, VISCOSITY, GRAVITY = 0.016, 2200.0, 500.0, 20.0, 9.81  # [m, kg/m3, kg/m3, Pa s, m/s2]
-HELD, NO_CREEP = 0.143 / 3.0, 1e-6  # tau_y/(drho g d) that holds a sphere (Beris et al. 1985); speed of one over Stokes'
+HELD = 0.143 / 3.0  # tau_y/(drho g d) that holds a sphere (Beris et al. 1985)
+NO_CREEP = 1e-6  # speed over Stokes' below which a sphere stands
 
 
 # ---- one sphere ------------------------------------------------------------------------------------------------
@@ -24,6 +25,20 @@ def sphere(across: int, number: float, until: float):
     _, times, speeds = record(scene, lambda s: -s.grains.velocities[0, 2], until=until)
     equal = spacing * (6.0 / np.pi * (scene.grain_places[0] > 0).sum()) ** (1.0 / 3.0) / SIZE
     return times, speeds / (EXTRA * GRAVITY * (equal * SIZE) ** 2 / (18.0 * VISCOSITY)), equal
+
+
+def held(across: int):
+    """The least tau_y/(drho g d) that holds a sphere for 2 s, by five bisections of +-25 % about HELD."""
+    low, high, creep = 0.75 * HELD, 1.25 * HELD, np.inf
+    for _ in range(5):
+        number = 0.5 * (low + high)
+        _, speeds, equal = sphere(across, number, 2.0)
+        stands = abs(speeds[-1]) < NO_CREEP
+        low, high, creep = (low, number, abs(speeds[-1])) if stands else (number, high, creep)
+    found = 0.5 * (low + high)
+    yield Measured(f"tau_y/(drho g d) {found / equal:.4f}, equal volume, relative", found / equal / HELD - 1.0, 0.08)
+    yield Measured(f"tau_y/(drho g d) {found:.4f}, diameter as given, relative", found / HELD - 1.0, 0.15)
+    yield Measured(f"speed over Stokes' after 2 s at {high:.4f}", creep, NO_CREEP)
 
 
 # ---- many ------------------------------------------------------------------------------------------------------
@@ -62,3 +77,18 @@ def suspension(across: int, fraction: float, seed: int = 1, yield_value: float =
 
     _, times, found = record(scene, read, 0.1, until)
     return times, found
+
+
+def viscosity(across: int, fractions=(0.1, 0.2, 0.3), seeds=(1,)):
+    """Stress over that of the mortar alone, mean from a strain of 0.5 to 2, beside Krieger and Dougherty."""
+    for fraction in fractions:
+        found = [mean_stress(across, fraction, seed) / VISCOSITY for seed in seeds]
+        law = (1.0 - fraction / 0.64) ** (-2.5 * 0.64)
+        what = f"viscosity at {fraction:g}: {np.mean(found):.3f} (seeds {min(found):.3f} to {max(found):.3f}), relative"
+        yield Measured(what, np.mean(found) / law - 1.0, 0.12)
+
+
+def mean_stress(*arguments, **keywords) -> float:
+    """Mean stress [Pa] of a suspension from a strain of 0.5 on."""
+    times, found = suspension(*arguments, **keywords)
+    return float(found[times > 0.45, 0].mean())
