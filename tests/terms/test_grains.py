@@ -83,7 +83,7 @@ def test_a_solve_goes_on_with_the_residual_of_contacts_that_have_changed(pair):
     while pair.scheme.contacts.force.to_numpy().max() == 0.0:
         pair.step()
     contacts, solver, products = pair.scheme.contacts, pair.scheme.velocity.solver, []
-    solver.x.from_numpy(np.where(pair.particles.read()["slot"][:, None] > 12, 1.0, -1.0) * (1.0, 0.0))  # apart
+    solver.x.from_numpy(np.where(pair.particles.read()["slot"][:, None] > 13, 1.0, -1.0) * (1.0, 0.0))  # apart
     pair.scheme.rigid.project(solver.x)
     solver.r.fill(0.0)
     for change in (contacts.update, lambda u: contacts.change_residual(u, solver.r)):
@@ -200,13 +200,13 @@ def test_a_contact_that_finds_no_room_in_the_list_of_its_grain_ends_the_run(monk
         sim.step()
 
 
-def pool(material, extra, centres=((0.1, 0.08), (0.05, 0.1)), **more):
+def pool(material, extra, centres=((0.1, 0.08), (0.05, 0.1)), across=4, **more):
     """Discs at the centres [m] in a pool 0.2 m wide and 0.16 m deep, heavier than it by ``extra`` [kg/m3]."""
     x = mps.lattice((0.0, 0.0), (0.2, 0.16), L0)
     walls = tuple(
         mps.Plane(*p) for p in (((0.0, 0.0), (0.0, 1.0)), ((0.0, 0.0), (1.0, 0.0)), ((0.2, 0.0), (-1.0, 0.0)))
     )
-    grains = mps.Grains(diameter=0.04, centres=centres, density=material.density + extra)
+    grains = mps.Grains(diameter=across * L0, centres=centres, density=material.density + extra)
     domain = (-0.05, -0.05), (0.25, 0.3)
     return mps.Simulation(mps.Scene("pool", material, L0, x, domain, walls, grains=grains, until=10.0, **more))
 
@@ -215,7 +215,7 @@ def pool(material, extra, centres=((0.1, 0.08), (0.05, 0.1)), **more):
 def test_what_preconditions_grains_in_mortar_is_positive_definite_and_leaves_the_solution_as_it_is():
     """Two discs on the floor that stick to each other. Of a grain it is the inverse of the block of P^T D P of its
     translation and of that of its rotation, D that of its particles and contacts, by what A has more with contacts."""
-    sim = pool(NEWTONIAN, 300.0, [(0.1, 0.02), (0.06, 0.02)])
+    sim = pool(NEWTONIAN, 300.0, [(0.125, 0.025), (0.075, 0.025)], 5)
     sim.step()
     rigid, contacts, solver = sim.scheme.rigid, sim.scheme.contacts, sim.scheme.velocity.solver
     contacts.presses.fill(0)
@@ -251,9 +251,9 @@ def test_what_preconditions_grains_in_mortar_is_positive_definite_and_leaves_the
 @pytest.mark.slow
 def test_floor_and_sides_bear_the_weight_of_a_pool_with_a_disc_on_its_floor():
     """Pressure of the mortar and contact together, within 0.5 %; the contact bears what the disc weighs more."""
-    sim = pool(NEWTONIAN, 300.0, [(0.1, 0.02)], wall_loads=True)
+    sim = pool(NEWTONIAN, 300.0, [(0.105, 0.025)], 5, wall_loads=True)
     advance(sim, 0.5)
-    more = 300.0 * G * len(template(4.0, 2)[1]) * L0**2
+    more = 300.0 * G * len(template(5.0, 2)[1]) * L0**2
     borne = sum(load for name, load in sim.measures().items() if name.startswith("force") and "_z_" in name)
     assert -borne == pytest.approx(2000.0 * G * 0.2 * 0.16 + more, rel=5e-3)
     assert sim.scheme.contacts.force[0] == pytest.approx(more, rel=5e-3)
