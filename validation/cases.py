@@ -103,8 +103,6 @@ TABLE = [
     # ---- grains.py ----
     Row("sphere_held", "a sphere 8 across, 16 mm, in a closed box of 2.5 diameters with no-slip walls, 20 Pa s, 2 s",
         "Beris et al. (1985): 2 tau_y pi a^2/F = 0.143", grains.held, {"across": 8}),
-    Row("suspension", "spheres 4 across as dense as the mortar, box of 6 diameters between sheared walls, to strain 2",
-        "Krieger and Dougherty, phi_m = 0.64", grains.viscosity, {"across": 4}),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),
     collapse(500.0, 0.02),
