@@ -155,6 +155,7 @@ def test_a_disc_rolls_down_a_slope_with_two_thirds_of_its_weight_along_it_and_pr
     assert abs(grains.centres[0, 1] - grains.radii[0]) < 1e-3 * L0
 
 
+@pytest.mark.slow
 def test_a_disc_thrown_along_a_floor_slips_until_it_rolls_with_two_thirds_of_its_speed():
     """After v/(3 mu g), 42 ms. Told then that it slips with all its friction, which nothing asks for, it sticks within
     the step: turned round with the slip, that force would leave it a speed of mu g dt."""
