@@ -2,10 +2,10 @@
 
 ``cases.py`` is the table: each row names its case, its reference and the function that runs it, with its settings. A
 function gives what it measured, each number beside its target. They stand by subject in ``flows.py`` (plane flows),
-``curved.py``, ``slumps.py``, ``standing.py``, ``fluids.py``, ``vortices.py`` and ``measured.py``; ``table.py`` runs the
-rows, each in a process of its own, with the scheme that is set here. Some targets were changed when the engine's
-numbers were known (those of the Bingham cavity), and on what some rows measure constants were chosen (``CHOSEN_ON``):
-they are calibration. Read cases.py first.
+``curved.py``, ``slumps.py``, ``standing.py``, ``fluids.py``, ``vortices.py``, ``grains.py`` and ``measured.py``;
+``table.py`` runs the rows, each in a process of its own, with the scheme that is set here. Some targets were changed
+when the engine's numbers were known (those of the Bingham cavity), and on what some rows measure constants were chosen
+(``CHOSEN_ON``): they are calibration. Read cases.py first.
 """
 
 import csv

@@ -2,7 +2,7 @@
 
 import taichi_mps as mps
 
-from . import Row, curved, flows, fluids, measured, slumps, standing, vortices
+from . import Row, curved, flows, fluids, grains, measured, slumps, standing, vortices
 from .standing import HEIGHT
 
 CLOSED = "closed form"
@@ -100,6 +100,9 @@ TABLE = [
         vortices.cavity, {"reynolds": 100, "until": 15.0, "good": 0.01, "across": 100}),
     Row("cavity_400_fine", "lid-driven cavity, Re = 400, 100 across", GHIA,
         vortices.cavity, {"reynolds": 400, "until": 30.0, "good": 0.03, "across": 100}),
+    # ---- grains.py ----
+    Row("sphere_held", "a sphere 8 across, 16 mm, in a closed box of 2.5 diameters with no-slip walls, 20 Pa s, 2 s",
+        "Beris et al. (1985): 2 tau_y pi a^2/F = 0.143", grains.held, {"across": 8}),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),
     collapse(500.0, 0.02),
