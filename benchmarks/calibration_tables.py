@@ -28,15 +28,14 @@ MIX = "yield_value", "plastic_viscosity"  # [Pa], [Pa s]
 # by table: scene and what all cases share; names of what they do not, nodes, and checks, which only tell the error
 TABLES = {
     "slump": (
-        {"scene": "slump", "model": "axisymmetric", "spacing": "0.01", "until": "120", "density": "2300"},
-        MIX,
+        {"scene": "slump", "model": "axisymmetric", "until": "120", "density": "2300"},
+        (*MIX, "spacing"),
         [
-            (
-                "30,40.49,47,54.66,64,73.78,99.6,134.4,181.5,244.9,330.6,446.3,602.4,813.2,1098,1482",
-                "10,15,20,30,50,100,200,500,1000",
-            )
+            ("2,4,7", "5,10,20,50,200,1000", "0.0025"),
+            ("10,15,22,30,40.49,47,54.66,64,73.78,99.6", "5,10,15,20,30,50,100,200,500,1000", "0.005"),
+            ("134.4,181.5,244.9,330.6,446.3,602.4,813.2,1098,1482", "5,10,15,20,30,50,100,200,500,1000", "0.01"),
         ],
-        [],
+        [("5,12", "8,80", "0.0025"), ("26", "40", "0.0025")],
     ),
     "mini_cone": (
         {"scene": "mini_cone", "density": "1900", "model": "axisymmetric", "until": "1000"},

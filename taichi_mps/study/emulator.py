@@ -67,7 +67,8 @@ class Emulator:
     for each value of the third, and between these values the results are linear in its logarithm. T500 is nan where the
     slump flow stays below 500 mm. ``scatter`` is the root mean square of the leave-one-out errors of the splines and,
     added in squares, of the errors of cases that are no nodes: those with the role 'check' or a finer spacing than the
-    first; of lengths [m], of times the logarithm. ``scatter_at`` is the scatter for one mix.
+    first; where the rows have a role, it alone tells, and nodes may differ in their spacing. Of lengths it is in metres, of
+    times that of the logarithm. ``scatter_at`` is the scatter for one mix.
     """
 
     @validated
@@ -83,8 +84,8 @@ class Emulator:
         require(not missing, f"table: has no column {missing}; must be a study of the {self.scene} over both constants")
         done = [row for row in rows if row["status"] == "done" and all(positive(row[name]) for name in constants)]
         sizes = [row.get("spacing") or 0.0 for row in done]  # of particles [m], 0 where none is named
-        checks = [r for r, size in zip(done, sizes, strict=True) if r.get("role") == "check" or size < sizes[0]]
-        nodes = [row for row in done if row not in checks]
+        is_node = [row.get("role") == "node" if row.get("role") else size >= sizes[0] for row, size in zip(done, sizes)]
+        checks, nodes = ([row for row, one in zip(done, is_node, strict=True) if one == of] for of in (False, True))
         needed = " and ".join(f"3 values of {in_words(name)}" for name in constants)
         require(
             all(len({row[name] for row in nodes}) >= 3 for name in constants),
@@ -93,7 +94,7 @@ class Emulator:
         fields = catalogue.load(self.scene).parameters.model_fields
         self.defaults = {name: field.default for name, field in fields.items()}  # of the scene
         self.settings = {name: nodes[0][name] for name in fields if nodes[0].get(name) is not None}  # of the test
-        self.spacing = self.settings.get("spacing", 0.01)  # [m]
+        self.spacings = np.array([row.get("spacing") or 0.01 for row in nodes])  # of the cases [m]
         self.points = self.log_ratios(nodes)  # of the cases, (n, constants)
         self.low, self.high = self.points.min(0), self.points.max(0)
         self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, GRID, strict=False)]
@@ -107,6 +108,10 @@ class Emulator:
             errors = (np.log(found[name]) if is_time(name) else found[name]) - self.values(name, checks)
             self.mean_squares[name] = square = np.mean([np.mean(plane[name][2] ** 2) for plane in self.planes])
             self.scatter[name] = float(np.sqrt(square + (np.nanmean(errors**2) if len(errors) else 0.0)))
+
+    def spacing_at(self, *point) -> float:
+        """Return the spacing [m] of the case that is nearest to a mix, the constants given as for ``at``."""
+        return float(self.spacings[((self.points - point) ** 2).sum(1).argmin()])
 
     def log_ratios(self, rows) -> np.ndarray:
         """Return the logarithms of the constants over their scales, (n, constants)."""

@@ -169,6 +169,62 @@ def test_a_mix_beyond_the_table_is_said_to_be_so(table):
     assert not known.at_the_edge and "edge" not in str(known)
 
 
+@pytest.mark.parametrize("flow", [0.60, 0.65, 0.70, 0.75, 0.80])  # classes SF1 to SF3 of EN 206
+def test_self_compacting_classes_have_a_mix_within_the_table(flow):
+    """A T500 on both sides of 2 s, the classes VS1 and VS2, gives constants with intervals; the later, the more
+    viscous; a wider flow is a softer mix."""
+    fast, slow = (calibrate(spread=flow, t500=time, check=False) for time in (1.2, 4.0))
+    for mix in (fast, slow):
+        assert mix.fits and not mix.at_the_edge
+        assert mix.yield_value.determined and mix.plastic_viscosity.determined
+    assert slow.plastic_viscosity.value > 2.0 * fast.plastic_viscosity.value
+    wider = calibrate(spread=flow + 0.04, t500=4.0, check=False)
+    assert wider.yield_value.value < slow.yield_value.value
+
+
+def test_a_soft_cone_is_near_the_thin_layer_and_the_finite_elements():
+    """The slump flow over that of a thin layer at rest grows towards 1 as the yield stress falls; T500 of 20 Pa is
+    that of finite elements without inertia, later by what the fall takes, within twice the scatter told."""
+    table = emulator_of()
+    yields = np.array([100.0, 30.0, 10.0, 5.0])
+    flows = table.at(np.log(yields / DENSITY), np.log(np.full(4, 50.0) / DENSITY))["spread_m"]
+    over = [flow / mps.rest_shapes.spread_at_rest(5.498e-3, DENSITY, float(tau)) for flow, tau in zip(flows, yields)]
+    assert np.all(np.diff(over) > 0.0) and 0.9 < over[-1] < 1.0
+    for eta, exact in ((50.0, 2.119), (100.0, 4.238)):
+        ratios = np.log(np.array([20.0, eta]) / DENSITY)
+        error = math.hypot(2.0 * table.scatter_at(*ratios)["t500_s"], 0.015)
+        assert abs(math.log(float(table.at(*ratios)["t500_s"]) / exact)) < error
+
+
+@pytest.mark.parametrize(
+    "row",
+    [row for row in read(TABLES / "slump.csv") if row["role"] == "check"],
+    ids=lambda row: f"{row['yield_value']:g} {row['plastic_viscosity']:g}",
+)
+def test_mixes_of_finer_rings_that_are_no_nodes_are_in_their_intervals(row):
+    found = calibrate(spread=row["spread_m"], t500=row["t500_s"], check=False)
+    assert holds(found.yield_value, row["yield_value"])
+    assert holds(found.plastic_viscosity, row["plastic_viscosity"])
+
+
+def test_a_pair_that_no_mix_has_names_the_number_that_is_off():
+    found = calibrate(spread=0.65, t500=200.0, check=False)
+    low, high = found.possible["t500_s"]
+    assert found.contradictory and high < 100.0
+    assert f"the T500 of a mix is {low:.3g} to {high:.3g} s, that measured is off by " in str(found).splitlines()[0]
+
+
+def test_nodes_of_two_spacings_are_nodes_and_the_finer_run_is_finer_than_the_nearest():
+    rows = [
+        row | {"scene": "slump", "role": "node", "spacing": 0.01 if row["yield_value"] > 100.0 else 0.005}
+        for row in table_of(8, 5)
+    ]
+    emulator = Emulator(rows)
+    assert len(emulator.points) == len(rows)
+    soft, stiff = (np.log(np.array([tau, 50.0]) / DENSITY) for tau in (30.0, 900.0))
+    assert (emulator.spacing_at(*soft), emulator.spacing_at(*stiff)) == (0.005, 0.01)
+
+
 def test_a_table_that_a_spreadsheet_saved_is_the_same(tmp_path):
     """A table with semicolons and decimal commas is read as the original, and a row with a cell too many is named by
     its line."""
