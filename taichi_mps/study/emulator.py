@@ -67,8 +67,7 @@ class Emulator:
     for each value of the third, and between these values the results are linear in its logarithm. T500 is nan where the
     slump flow stays below 500 mm. ``scatter`` is the root mean square of the leave-one-out errors of the splines and,
     added in squares, of the errors of cases that are no nodes: those with the role 'check' or a finer spacing than the
-    first; where the rows have a role, it alone tells, and nodes may differ in their spacing. Of lengths it is in metres, of
-    times that of the logarithm. ``scatter_at`` is the scatter for one mix.
+    first where they have no role; of lengths [m], of times the logarithm. ``scatter_at`` is the scatter for one mix.
     """
 
     @validated
@@ -84,8 +83,10 @@ class Emulator:
         require(not missing, f"table: has no column {missing}; must be a study of the {self.scene} over both constants")
         done = [row for row in rows if row["status"] == "done" and all(positive(row[name]) for name in constants)]
         sizes = [row.get("spacing") or 0.0 for row in done]  # of particles [m], 0 where none is named
-        is_node = [row.get("role") == "node" if row.get("role") else size >= sizes[0] for row, size in zip(done, sizes)]
-        checks, nodes = ([row for row, one in zip(done, is_node, strict=True) if one == of] for of in (False, True))
+        roles = [
+            row.get("role") or ("check" if size < sizes[0] else "node") for row, size in zip(done, sizes, strict=True)
+        ]
+        nodes, checks = ([r for r, it in zip(done, roles, strict=True) if it == role] for role in ("node", "check"))
         needed = " and ".join(f"3 values of {in_words(name)}" for name in constants)
         require(
             all(len({row[name] for row in nodes}) >= 3 for name in constants),

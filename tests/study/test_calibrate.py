@@ -188,7 +188,7 @@ def test_a_soft_cone_is_near_the_thin_layer_and_the_finite_elements():
     table = emulator_of()
     yields = np.array([100.0, 30.0, 10.0, 5.0])
     flows = table.at(np.log(yields / DENSITY), np.log(np.full(4, 50.0) / DENSITY))["spread_m"]
-    over = [flow / mps.rest_shapes.spread_at_rest(5.498e-3, DENSITY, float(tau)) for flow, tau in zip(flows, yields)]
+    over = flows / [mps.rest_shapes.spread_at_rest(5.498e-3, DENSITY, float(tau)) for tau in yields]
     assert np.all(np.diff(over) > 0.0) and 0.9 < over[-1] < 1.0
     for eta, exact in ((50.0, 2.119), (100.0, 4.238)):
         ratios = np.log(np.array([20.0, eta]) / DENSITY)
