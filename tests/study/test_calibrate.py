@@ -149,7 +149,9 @@ def test_no_mix_beyond_a_table_is_looked_up(test):
         emulator.at(*axes[:-1], axes[-1] + 0.1, grid=True)
 
 
-@pytest.mark.parametrize("told", [{"slump": 0.29, "plastic_viscosity": 50.0}, {"spread": 1.2}, {"mini_cone": 0.2}])
+@pytest.mark.parametrize(
+    "told", [{"slump": 0.299, "slump_error": 0.002, "plastic_viscosity": 50.0}, {"spread": 1.2}, {"mini_cone": 0.2}]
+)
 def test_one_measurement_alone_contradicts_nothing(told):
     """A single measurement that no mix of the table has is reported with the distance of the nearest mix, not as a
     contradiction."""
@@ -183,8 +185,8 @@ def test_self_compacting_classes_have_a_mix_within_the_table(flow):
 def test_a_soft_cone_is_near_the_thin_layer_and_the_finite_elements():
     """The slump flow is below that of a thin layer at rest, by an eighth at most; T500 of 20 Pa is that of finite
     elements without inertia within a tenth."""
-    table, yields = emulator_of(), np.array([4.0, 7.0, 20.0, 30.0])
-    flows = table.at(np.log(yields / DENSITY), np.log(np.full(4, 30.0) / DENSITY))["spread_m"]
+    table, yields = emulator_of(), np.array([7.0, 20.0, 30.0])
+    flows = table.at(np.log(yields / DENSITY), np.log(np.full(3, 30.0) / DENSITY))["spread_m"]
     over = flows / [mps.rest_shapes.spread_at_rest(5.498e-3, DENSITY, float(tau)) for tau in yields]
     assert np.all((over > 0.875) & (over < 1.0)), over
     for eta, exact in ((50.0, 2.119), (100.0, 4.238)):  # A_fe_slump_T500.csv
