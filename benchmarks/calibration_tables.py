@@ -1,17 +1,17 @@
 """The studies of tests that `taichi-mps calibrate` looks into, and how well it finds known constants by them.
 
-    python benchmarks/calibration_tables.py slump [WORKERS]      # one process by default; 5 CPU-minutes
+    python benchmarks/calibration_tables.py slump [WORKERS]      # one process by default; 12 CPU-minutes
     python benchmarks/calibration_tables.py mini_cone [WORKERS]
     python benchmarks/calibration_tables.py v_funnel [WORKERS]
     python benchmarks/calibration_tables.py internal_friction [WORKERS]   # half an hour
     python benchmarks/calibration_tables.py shares               # a line for each mix, some seconds
 
 Each of the first four writes taichi_mps/study/<name>.csv, from studies/<name>_table, where what is there is not run
-again. Some mixes are computed at a finer spacing, too: what it changes is the error of the table. slump: rings of 10 mm
-to rest or 120 s; its chart is drawn by `taichi-mps chart`. mini_cone: rings of 2 mm and 1 mm to rest or 1000 s.
-v_funnel: a quarter at 12.5 mm and 10 mm, until it is empty. internal_friction: quarters of the standard cone at 10 mm,
-to rest or 120 s. shares: how often the intervals hold the constants of finite elements, whose measurements are drawn
-200 times with the errors that calibrate takes by default.
+again. Some mixes are computed at a finer spacing, too: what it changes is the error of the table. slump: rings of
+10 mm, below 30 Pa of 5 mm, to rest or 120 s; its chart is drawn by `taichi-mps chart`. mini_cone: rings of 2 mm and
+1 mm to rest or 1000 s. v_funnel: a quarter at 12.5 mm and 10 mm, until it is empty. internal_friction: quarters of the
+standard cone at 10 mm, to rest or 120 s. shares: how often the intervals hold the constants of finite elements, whose
+measurements are drawn 200 times with the errors that calibrate takes by default.
 """
 
 import csv
@@ -28,13 +28,16 @@ MIX = "yield_value", "plastic_viscosity"  # [Pa], [Pa s]
 # by table: scene and what all cases share; names of what they do not, nodes, and checks, which only tell the error
 TABLES = {
     "slump": (
-        {"scene": "slump", "model": "axisymmetric", "spacing": "0.01", "until": "120", "density": "2300"},
-        MIX,
+        {"scene": "slump", "model": "axisymmetric", "until": "120", "density": "2300"},
+        (*MIX, "spacing"),
         [
+            ("4", "20,100", "0.005"),
+            ("7,20", "10,20,50,100,200,1000", "0.005"),
             (
                 "30,40.49,47,54.66,64,73.78,99.6,134.4,181.5,244.9,330.6,446.3,602.4,813.2,1098,1482",
                 "10,15,20,30,50,100,200,500,1000",
-            )
+                "0.01",
+            ),
         ],
         [],
     ),

@@ -209,7 +209,8 @@ def refinement(emulators: dict[str, Emulator], found: Calibration) -> dict[str, 
     ratios, effect = np.log(np.array(list(found.values.values())) / found.density), {}
     for scene in (scene for scene in REFINED_TESTS if scene in emulators):
         emulator = emulators[scene]
-        row = run_case(case_of(scene, **emulator.settings | found.keywords | {"spacing": 0.5 * emulator.spacing}))
+        finer = {"spacing": 0.5 * emulator.spacing_at(*ratios)}
+        row = run_case(case_of(scene, **emulator.settings | found.keywords | finer))
         require(row["status"] == "done", f"the finer run failed: {row['reason']}")
         for name, before in emulator.at(*ratios).items():
             after = np.array(row.get(RESULT_COLUMNS[scene][name]), float)  # nan where it was not measured

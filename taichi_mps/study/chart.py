@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..forecast.rest_shapes import spread_at_rest
 from ..input import catalogue
 from ..input.labels import in_words, title, unit_of_measure
 from ..units import Picture, Place, quote, require, unit_of, validated, writing
@@ -34,6 +35,7 @@ FORMULAS = {  # column of the reference: authors, and the range of slumps [mm] i
     "s_schowalter_mm": ("static column, Murata 1984, Christensen", (0.0, 300.0)),
 }
 ELEMENTS = "finite elements, 50 Pa s", "finite elements without inertia"
+MOULD = 5.498e-3  # volume of the cone [m3]
 GREY = {"color": "#777f88", "lw": 1.3}  # of formulas
 
 
@@ -111,8 +113,9 @@ def slump_chart(out: Picture, study: Place | None = None) -> Path:
     for (name, (who, (low, high))), style in zip(FORMULAS.items(), ("-", "--", "-.", ":", (0, (1, 3))), strict=True):
         valid = (formulas[name] >= low) & (formulas[name] <= high)
         left.semilogx(tau, np.where(valid, 0.1 * formulas[name], np.nan), ls=style, label=who, **GREY)
-    flow = np.where(tau <= 200.0, 0.1 * formulas["SF_Coussot_mm"], np.nan)
-    right.semilogx(tau, flow, label="thin layer at rest, Coussot 1996", **GREY)
+    soft = np.geomspace(yields[0], 200.0)
+    flow = [100.0 * spread_at_rest(MOULD, DENSITY, float(tau)) for tau in soft]
+    right.semilogx(soft, flow, label="thin layer at rest, Roussel and Coussot 2005", **GREY)
     final = reference("A_fe_inertial_slump_summary.csv")
     final = final[(final["model"] == "A") & (final["eta_Pa_s"] == 50.0)]
     static = reference("A_fe_slump_abrams_final.csv")
@@ -124,7 +127,7 @@ def slump_chart(out: Picture, study: Place | None = None) -> Path:
         for axes, name in zip((left, right), names, strict=True):
             axes.semilogx(table[x][selected], 0.1 * table[name][selected], marker, **marker_style)
     left.set(ylabel="slump [cm]", ylim=(0.0, 30.0), title="Slump of the cone, JIS A 1101 / EN 12350-2")
-    right.set(ylabel="slump flow [cm]", ylim=(20.0, 75.0), title="Slump flow, EN 12350-8")
+    right.set(ylabel="slump flow [cm]", ylim=(20.0, 125.0), title="Slump flow, EN 12350-8")
     for axes in (left, right):
         axes.set(xlabel=f"yield stress [Pa] at {DENSITY:g} kg/m3", xlim=(yields[0], yields[-1]))
         set_log_ticks(axes.xaxis, yields[0], yields[-1])

@@ -67,7 +67,7 @@ class Emulator:
     for each value of the third, and between these values the results are linear in its logarithm. T500 is nan where the
     slump flow stays below 500 mm. ``scatter`` is the root mean square of the leave-one-out errors of the splines and,
     added in squares, of the errors of cases that are no nodes: those with the role 'check' or a finer spacing than the
-    first; of lengths [m], of times the logarithm. ``scatter_at`` is the scatter for one mix.
+    first where they have no role; of lengths [m], of times the logarithm. ``scatter_at`` is the scatter for one mix.
     """
 
     @validated
@@ -83,8 +83,10 @@ class Emulator:
         require(not missing, f"table: has no column {missing}; must be a study of the {self.scene} over both constants")
         done = [row for row in rows if row["status"] == "done" and all(positive(row[name]) for name in constants)]
         sizes = [row.get("spacing") or 0.0 for row in done]  # of particles [m], 0 where none is named
-        checks = [r for r, size in zip(done, sizes, strict=True) if r.get("role") == "check" or size < sizes[0]]
-        nodes = [row for row in done if row not in checks]
+        roles = [
+            row.get("role") or ("check" if size < sizes[0] else "node") for row, size in zip(done, sizes, strict=True)
+        ]
+        nodes, checks = ([r for r, it in zip(done, roles, strict=True) if it == role] for role in ("node", "check"))
         needed = " and ".join(f"3 values of {in_words(name)}" for name in constants)
         require(
             all(len({row[name] for row in nodes}) >= 3 for name in constants),
@@ -93,7 +95,7 @@ class Emulator:
         fields = catalogue.load(self.scene).parameters.model_fields
         self.defaults = {name: field.default for name, field in fields.items()}  # of the scene
         self.settings = {name: nodes[0][name] for name in fields if nodes[0].get(name) is not None}  # of the test
-        self.spacing = self.settings.get("spacing", 0.01)  # [m]
+        self.spacings = np.array([row.get("spacing") or 0.01 for row in nodes])  # of the cases [m]
         self.points = self.log_ratios(nodes)  # of the cases, (n, constants)
         self.low, self.high = self.points.min(0), self.points.max(0)
         self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, GRID, strict=False)]
@@ -107,6 +109,10 @@ class Emulator:
             errors = (np.log(found[name]) if is_time(name) else found[name]) - self.values(name, checks)
             self.mean_squares[name] = square = np.mean([np.mean(plane[name][2] ** 2) for plane in self.planes])
             self.scatter[name] = float(np.sqrt(square + (np.nanmean(errors**2) if len(errors) else 0.0)))
+
+    def spacing_at(self, *point) -> float:
+        """Return the spacing [m] of the case that is nearest to a mix, the constants given as for ``at``."""
+        return float(self.spacings[((self.points - point) ** 2).sum(1).argmin()])
 
     def log_ratios(self, rows) -> np.ndarray:
         """Return the logarithms of the constants over their scales, (n, constants)."""

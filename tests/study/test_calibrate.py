@@ -149,7 +149,9 @@ def test_no_mix_beyond_a_table_is_looked_up(test):
         emulator.at(*axes[:-1], axes[-1] + 0.1, grid=True)
 
 
-@pytest.mark.parametrize("told", [{"slump": 0.29, "plastic_viscosity": 50.0}, {"spread": 0.8}, {"mini_cone": 0.2}])
+@pytest.mark.parametrize(
+    "told", [{"slump": 0.299, "slump_error": 0.002, "plastic_viscosity": 50.0}, {"spread": 1.2}, {"mini_cone": 0.2}]
+)
 def test_one_measurement_alone_contradicts_nothing(told):
     """A single measurement that no mix of the table has is reported with the distance of the nearest mix, not as a
     contradiction."""
@@ -167,6 +169,46 @@ def test_a_mix_beyond_the_table_is_said_to_be_so(table):
     assert stiff.at_the_edge[0] == "yield_value" and "edge of the table (yield stress 20 to 2000 Pa" in str(stiff)
     assert stiff.plastic_viscosity.lower is None and stiff.plastic_viscosity.upper is None
     assert not known.at_the_edge and "edge" not in str(known)
+
+
+@pytest.mark.parametrize("flow", [0.60, 0.65, 0.70, 0.75, 0.80])  # classes SF1 to SF3 of EN 206
+def test_self_compacting_classes_have_a_mix_within_the_table(flow):
+    """A T500 on both sides of 2 s, the classes VS1 and VS2, gives constants with intervals, open only at the widest
+    flows; the later, the more viscous."""
+    fast, slow = (calibrate(spread=flow, t500=time, check=False) for time in (1.2, 4.0))
+    for mix in (fast, slow):
+        assert mix.fits and mix.yield_value.upper and mix.plastic_viscosity.lower
+        assert flow > 0.71 or (mix.yield_value.determined and mix.plastic_viscosity.determined)
+    assert slow.plastic_viscosity.value > 2.0 * fast.plastic_viscosity.value
+
+
+def test_a_soft_cone_is_near_the_thin_layer_and_the_finite_elements():
+    """The slump flow is below that of a thin layer at rest, by an eighth at most; T500 of 20 Pa is that of finite
+    elements without inertia within a tenth."""
+    table, yields = emulator_of(), np.array([7.0, 20.0, 30.0])
+    flows = table.at(np.log(yields / DENSITY), np.log(np.full(3, 30.0) / DENSITY))["spread_m"]
+    over = flows / [mps.rest_shapes.spread_at_rest(5.498e-3, DENSITY, float(tau)) for tau in yields]
+    assert np.all((over > 0.875) & (over < 1.0)), over
+    for eta, exact in ((50.0, 2.119), (100.0, 4.238)):  # A_fe_slump_T500.csv
+        assert float(table.at(*np.log(np.array([20.0, eta]) / DENSITY))["t500_s"]) == pytest.approx(exact, rel=0.1)
+
+
+def test_a_pair_that_no_mix_has_names_the_number_that_is_off():
+    found = calibrate(spread=0.65, t500=200.0, check=False)
+    low, high = found.possible["t500_s"]
+    assert found.contradictory and high < 100.0
+    assert f"the T500 of a mix is {low:.3g} to {high:.3g} s, that measured is off by " in str(found).splitlines()[0]
+
+
+def test_nodes_of_two_spacings_are_nodes_and_the_finer_run_is_finer_than_the_nearest():
+    rows = [
+        row | {"scene": "slump", "role": "node", "spacing": 0.01 if row["yield_value"] > 100.0 else 0.005}
+        for row in table_of(8, 5)
+    ]
+    emulator = Emulator(rows)
+    assert len(emulator.points) == len(rows)
+    soft, stiff = (np.log(np.array([tau, 50.0]) / DENSITY) for tau in (30.0, 900.0))
+    assert (emulator.spacing_at(*soft), emulator.spacing_at(*stiff)) == (0.005, 0.01)
 
 
 def test_a_table_that_a_spreadsheet_saved_is_the_same(tmp_path):
