@@ -9,10 +9,10 @@ a grain have one mass, so the same sums make its motion of velocities and its fo
 moment of inertia is not that of its particles as points: the difference, times the rotation, is added.
 
 A particle of a grain that sees no mortar carries neither stress nor pressure: its gradient is taken out. At the surface
-a gradient sees both sides, but all strain is that of the mortar, whose fraction along the normal is f. The mortar that
-it sees lies farther from the grain than the particle, whose stress is wanted, and there the shear rate is less: f is
-divided by what it falls around a sphere that turns, (r_c/r_i)^d, r_c and r_i the distances of the middle of that mortar
-and of the particle from the centre (G4).
+a gradient sees both sides, but all strain is that of the mortar, whose fraction along the normal is c. The mortar that
+it sees lies farther from the grain than the particle, whose stress is wanted, and there the stress is less: by the law
+of the mortar it is multiplied by what it falls around a sphere that turns, s = (r_m/r_i)^d, r_m and r_i the distances
+of the middle of that mortar and of the particle from the centre (G4); f = c/s.
 """
 
 import numpy as np
@@ -48,6 +48,7 @@ class Rigid(Term):
         self.radius, self.mass = ti.field(ti.f64, self.count), ti.field(ti.f64, self.count)  # [m, kg]
         self.extra = ti.field(ti.f64, self.count)  # moment of inertia beyond that of its particles as points [kg m2]
         self.mortar_fraction = ti.field(real(), self.capacity)  # f of each particle [-]
+        self.stress_ratio = ti.field(real(), self.capacity)  # s of each particle [-]
         self.masked = ti.field(ti.i32, self.capacity)  # 1 of a particle of a grain that sees no mortar
         fields = {"centre": self.centre, "velocity": self.velocity, "spin": self.spin, "turn": self.rotation}
         self.motions = FieldIO({f"grain_{name}": field for name, field in fields.items()}, self.count)
@@ -141,7 +142,7 @@ class Rigid(Term):
 
     @ti.func
     def fall(self, g, i, offset):
-        """By which factor the shear rate around grain g falls from particle i to the place ``offset`` [m] from it,
+        """By which factor the shear stress around grain g falls from particle i to the place ``offset`` [m] from it,
         where a fluid carries the couple of a turning grain outward: as 1/r^d."""
         centre, half = self.in_scene(self.centre[g]), 0.5 * self.gradient.spacing
         r = ti.cast(self.neighbors.bins.displacement(centre, self.particles.x[i]), float)
@@ -194,7 +195,7 @@ class Rigid(Term):
                         core, nearest = other, weight
                 if other < 0:
                     masked = 0
-            self.masked[i], self.mortar_fraction[i] = masked, 1.0
+            self.masked[i], self.mortar_fraction[i], self.stress_ratio[i] = masked, 1.0, 1.0
             n = m / ti.max(m.norm(), 1e-20)
             v, of_others = self.gradient.B[i] @ n, ti.cast(0.0, float)
             middle = ti.Vector.zero(float, self.dimension)  # of the part of the others, times it [m]
@@ -210,7 +211,8 @@ class Rigid(Term):
                 lowest = ti.static(MIN_MORTAR_FRACTION if self.yields else MIN_VISCOUS_MORTAR_FRACTION)
                 # of the mortar that i sees
                 centre = middle / ti.max(MIN_MORTAR_FRACTION, fraction) * (1.0 if own >= 0 else -1.0)
-                self.mortar_fraction[i] = ti.max(lowest, ti.min(1.0, fraction)) / self.fall(core, i, centre)
+                self.stress_ratio[i] = self.fall(core, i, centre)
+                self.mortar_fraction[i] = ti.max(lowest, ti.min(1.0, fraction)) / self.stress_ratio[i]
         for i in range(self.particles.count[None]):
             if self.masked[i] == 1:
                 self.gradient.B[i] *= 0.0

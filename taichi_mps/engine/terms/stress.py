@@ -82,20 +82,32 @@ class Stress(Term):
         if ti.static(self.law == "yield-stress"):
             mu = self.constants.mu_r[m]
         elif ti.static(self.law == "bi-viscosity"):
-            mu = bi_viscosity(
-                rate / self.mortar_fraction(i), self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m]
-            )
+            rate = self.rate_of_mortar(i, rate)
+            mu = bi_viscosity(rate, self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m])
         if ti.static(self.law != "yield-stress"):
             mu /= self.mortar_fraction(i)
         return mu
 
     @ti.func
     def mortar_fraction(self, i):
-        """Fraction of what the gradient of particle i sees that strains: beside a grain that of the mortar [-] (G4)."""
+        """f of particle i, the fraction of what its gradient sees that strains over ``stress_ratio`` [-] (G4)."""
         fraction = ti.cast(1.0, float)
         if ti.static(self.particles.has_grains):
             fraction = self.rigid.mortar_fraction[i]
         return fraction
+
+    @ti.func
+    def stress_ratio(self, i):
+        """Stress of particle i over that of the mortar that its gradient sees, beside a grain [-] (G4)."""
+        ratio = ti.cast(1.0, float)
+        if ti.static(self.particles.has_grains):
+            ratio = self.rigid.stress_ratio[i]
+        return ratio
+
+    @ti.func
+    def rate_of_mortar(self, i, rate):
+        """Shear rate [1/s] of the mortar that particle i sees, by the ``rate`` of its gradient."""
+        return rate / (self.mortar_fraction(i) * self.stress_ratio(i))
 
     @ti.func
     def viscous(self, i, G):
@@ -128,21 +140,22 @@ class Stress(Term):
     @ti.func
     def yield_law(self, i, trial):
         """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
-        stress, rate, variation = trial, ti.cast(0.0, float), ti.cast(0.0, float)
-        mu = (
-            self.mortar_fraction(i) * self.mu[i]
-        )  # 2 D = f rate T/|T| beside a grain: the law of the mortar, with f mu_r
+        # beside a grain the law is that of the mortar, with f mu_r (G4)
+        ratio, mu = self.stress_ratio(i), self.mortar_fraction(i) * self.mu[i]
+        given = trial / ratio
+        stress, rate, variation = given, ti.cast(0.0, float), ti.cast(0.0, float)
         if ti.static(self.mixes > 1):
-            across = self.interface.across_interface(i, trial)
+            across = self.interface.across_interface(i, given)
             other_fraction, other_fluidity = self.interface.other_fraction[i], self.interface.other_fluidity[i]
-            stress, _q, rate = series_mapping(self, i, trial, across, mu, other_fraction, other_fluidity)
+            stress, _q, rate = series_mapping(self, i, given, across, mu, other_fraction, other_fluidity)
         elif ti.static(self.has_curve):
-            stress, _q, rate = curve_mapping(self, i, trial, mu)
+            stress, _q, rate = curve_mapping(self, i, given, mu)
         else:
             if ti.static(self.averages):
                 variation = self.variation[i]
             eta = self.constants.eta[self.constants.mix(i)]
-            stress, _q, rate = return_mapping(trial, eta, self.yield_stress(i), mu, variation)
+            stress, _q, rate = return_mapping(given, eta, self.yield_stress(i), mu, variation)
+        stress *= ratio
         return stress, (trial - stress) / (2.0 * self.mu[i]), rate
 
     @ti.func
@@ -184,7 +197,7 @@ class Stress(Term):
     @ti.func
     def own_rate(self, i):
         """Shear rate [1/s] of the mix of particle i: next to another mix that of the gradient is of both."""
-        rate = self.particles.shear_rate[i] / self.mortar_fraction(i)
+        rate = self.rate_of_mortar(i, self.particles.shear_rate[i])
         if ti.static(self.mixes > 1 and self.law == "yield-stress"):
             rate = self.fluidity[i] * magnitude(self.particles.stress[i])
         return rate
@@ -216,7 +229,8 @@ class Stress(Term):
                         self.fluidity[i] = carries * flow / ti.max(magnitude(stress), 1e-12)
                 self.yielded[i] = flow > 0.0
             elif ti.static(self.law == "bi-viscosity"):
-                self.yielded[i] = rate / self.mortar_fraction(i) >= 2.0 * self.constants.pi_c[self.constants.mix(i)]
+                own = self.rate_of_mortar(i, rate)
+                self.yielded[i] = own >= 2.0 * self.constants.pi_c[self.constants.mix(i)]
                 self.mu[i] = self.viscosity(i, rate)
                 if ti.static(self.mixes > 1):
                     self.fluidity[i] = 1.0 / self.mu[i]
