@@ -27,8 +27,8 @@ def sphere(across: int, number: float, until: float):
 
 
 def held(across: int):
-    """The least tau_y/(drho g d) that holds a sphere, by five bisections of +-25 % about HELD, and how fast it creeps at
-    the largest."""
+    """The least tau_y/(drho g d) that holds a sphere, by five bisections of +-25 % about HELD, and how fast it creeps
+    at the largest."""
     low, high = 0.75 * HELD, 1.25 * HELD
     for _ in range(5):
         number = 0.5 * (low + high)
