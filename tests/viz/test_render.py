@@ -247,7 +247,7 @@ def test_a_scene_in_the_plane_has_no_surface_and_shows_particles(tmp_path):
 def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, monkeypatch):
     replay, options = (
         [Frame(body, snapshot(body))],
-        SimpleNamespace(view="concrete", beads=False),
+        SimpleNamespace(view="concrete", beads=False, cut=False),
     )
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(mps.SceneError, match=r"film: needs imageio-ffmpeg: pip install 'taichi-mps\[film\]'"):
@@ -263,7 +263,7 @@ def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, 
 
 def test_a_film_tells_its_mean_speed_where_steps_are_longer_than_the_interval(body, tmp_path, monkeypatch):
     """Three pictures of 0.09 s at ten a second: 0.45 of the speed, whatever interval was asked for."""
-    told, options = [], SimpleNamespace(view="concrete", beads=True)
+    told, options = [], SimpleNamespace(view="concrete", beads=True, cut=False)
     monkeypatch.setattr(render, "with_film_speed", lambda picture, every, fps: told.append(every * fps) or picture)
     replay = [Frame(body, replace(snapshot(body), time=time)) for time in (0.0, 0.03, 0.09)]
     assert show.redraw([iter(replay)], tmp_path, "", options)["pictures"] == 3
