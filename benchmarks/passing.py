@@ -20,10 +20,17 @@ from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 
 ROWS, RUNS, GAP = points.RESULTS / "passing.jsonl", points.ROOT / "renders/passing", 41.0  # between two bars [mm]
-SETTINGS = "model", "diameter_mm", "fraction", "across", "until_s", "seed"
-SLICES = [("slice", d, part, 4, 1.5, seed) for seed in range(1, 11) for part in (0.3, 0.2, 0.1) for d in (20, 16, 12)]
-# the fullest of one seed, the whole box beside them, the rest of that seed, a finer one, then the other seeds
-CASES = [*SLICES[:3], ("full", 16, 0.3, 4, 1.0, 1), *SLICES[3:9], ("slice", 16, 0.3, 6, 1.5, 1), *SLICES[9:]]
+UNTIL, SETTINGS = 1.0, ("model", "diameter_mm", "fraction", "across", "seed")
+SLICES = [("slice", d, part, 4, seed) for seed in range(1, 11) for part in (0.3, 0.2, 0.1) for d in (20, 16, 12)]
+# two of one spacing, the fullest of one seed, the whole box beside them, a finer slice, then the rest
+FIRST = [
+    ("slice", 28, 0.3, 4, 1),
+    ("slice", 21, 0.3, 3, 1),
+    *SLICES[:3],
+    ("full", 16, 0.3, 4, 1),
+    ("slice", 16, 0.3, 6, 1),
+]
+CASES = [*FIRST, *SLICES[3:]]
 
 
 def known() -> dict[tuple, dict]:
@@ -32,37 +39,32 @@ def known() -> dict[tuple, dict]:
     return {tuple(each[key] for key in SETTINGS): each for each in rows}
 
 
-def row(model, diameter, fraction, across, until, seed) -> dict:
+def row(model, diameter, fraction, across, seed) -> dict:
     """Run a row."""
-    folder = RunFolder(RUNS / f"{model}_{diameter}mm_{fraction:g}_{across}_across_{until:g}s_{seed}")
+    folder = RunFolder(RUNS / f"{model}_{diameter}mm_{fraction:g}_{across}_across_{seed}")
     call = (
         f"-m taichi_mps run l_box --model {model} --height 0.3 --grains {diameter}mm --grains-volume {fraction} "
-        f"--grains-seed {seed} --spacing {diameter / across:g}mm --until {until} --every 0.05 --threads 1 --quiet "
+        f"--grains-seed {seed} --spacing {diameter / across:g}mm --until {UNTIL} --every 0.05 --threads 1 --quiet "
         "--no-pictures --overwrite --out"
     )
     child = subprocess.Popen([sys.executable, *call.split(), folder.path], cwd=points.ROOT)
     _, status, used = os.wait4(child.pid, 0)
     assert not status, f"{folder.path.name}: the run has failed"
-    summary, history, times = folder.read_summary(), read_history(folder.history), np.arange(0.1, until + 1e-9, 0.1)
-    beyond = {
-        "grains": history["grains_passed_number"] / history["grains_number"],
-        "mortar": history["mortar_passed_ratio"],
+    summary, history, times = folder.read_summary(), read_history(folder.history), np.arange(1, 11) / 10 * UNTIL
+    grains = history["grains_passed_number"] / history["grains_number"]
+    at = [np.interp(times, history["time_s"], y).round(4).tolist() for y in (grains, history["mortar_passed_ratio"])]
+    return dict(zip(SETTINGS, (model, diameter, fraction, across, seed), strict=True)) | {
+        "time_s": times.round(3).tolist(),
+        "grains_beyond": at[0],
+        "mortar_beyond": at[1],
+        "grains": int(summary["grains_number"]),
+        "particles": summary["fluid_particles"],
+        "steps": len(history["time_s"]) - 1,
+        "cpu_s": round(used.ru_utime + used.ru_stime, 1),  # with compiling
+        "steps_cpu_s": round(summary["cpu_seconds"], 1),
+        "peak_MB": round(used.ru_maxrss / 1000),
+        "machine": points.provenance.facts(),
     }
-    found = {f"{name}_beyond": np.interp(times, history["time_s"], y).round(4).tolist() for name, y in beyond.items()}
-    return (
-        dict(zip(SETTINGS, (model, diameter, fraction, across, until, seed), strict=True))
-        | found
-        | {
-            "time_s": times.round(3).tolist(),
-            "grains": int(summary["grains_number"]),
-            "particles": summary["fluid_particles"],
-            "steps": len(history["time_s"]) - 1,
-            "cpu_s": round(used.ru_utime + used.ru_stime, 1),  # with compiling
-            "steps_cpu_s": round(summary["cpu_seconds"], 1),
-            "peak_MB": round(used.ru_maxrss / 1000),
-            "machine": points.provenance.facts(),
-        }
-    )
 
 
 def draw() -> None:
@@ -70,34 +72,36 @@ def draw() -> None:
     rows, lines = known(), []
     figure, axis = points.pyplot().subplots(figsize=(6.4, 3.6), layout="constrained")
     for case in sorted({key[:-1] for key in rows}, key=lambda case: (case[0], -case[2], case)):
-        model, diameter, part, across, until = case
+        model, diameter, part, across = case
         some = [each for key, each in rows.items() if key[:-1] == case]
-        grains, mortar = (np.array([each[f"{name}_beyond"] for each in some]).T for name in ("grains", "mortar"))
-        ratio, at = grains[-1] / mortar[-1], GAP / diameter + 0.3 * (part - 0.2) + 0.05 * (across - 4)
-        if model == "slice":
-            label = f"{part:g} of the volume, {across} across" if diameter == 16 else None
-            mark = {"color": f"C{10 * part:.0f}", "marker": "o" if across == 4 else "D", "ls": "", "label": label}
-            axis.plot(np.full(len(some), at), ratio, mfc="none", **mark)
-            axis.annotate(f"{len(some)}", (at, ratio.max()), (4, 3), textcoords="offset points", size=8)
-        means = [f"{100 * grains[k].mean():.1f} %, {100 * mortar[k].mean():.0f} %" for k in (9, -1)]
-        cost = np.mean([[each["cpu_s"] / 60, each["peak_MB"]] for each in some], axis=0)
-        told = (
-            f"{ratio.min():.2f}{f' to {ratio.max():.2f}' if len(some) > 1 else ''}",
-            "{:.1f} min, {:.0f} MB".format(*cost),
+        grains, mortar, minutes, memory = np.array(
+            [
+                (each["grains_beyond"][-1], each["mortar_beyond"][-1], each["cpu_s"] / 60, each["peak_MB"])
+                for each in some
+            ]
+        ).T
+        ratio, at = grains / mortar, GAP / diameter + 0.3 * (part - 0.3)
+        mark = {"color": f"C{10 * part:.0f}", "marker": {3: "s", 4: "o", 6: "D"}[across], "ls": "", "mfc": "none"}
+        axis.plot(np.full(len(some), at), ratio, **mark)
+        axis.annotate(
+            f"{diameter} mm, {part:g}; {len(some)}", (at, ratio.max()), (6, 3), textcoords="offset points", size=8
         )
-        lines.append(
-            (f"{model}, {across} across, to {until:g} s", f"{diameter} mm, {part:g}", len(some), *means, *told)
-        )
+        beyond = f"{100 * grains.mean():.1f} %, {100 * mortar.mean():.1f} %"
+        told = f"{ratio.min():.2f}" + (f" to {ratio.max():.2f}" if len(some) > 1 else "")
+        cost = f"{minutes.mean():.1f} min, {memory.mean():.0f} MB"
+        lines.append((f"{model}, {across} across", f"{diameter} mm, {part:g}", len(some), beyond, told, cost))
     axis.axhline(0.5, color="0.6", lw=0.8)  # below, they block
-    axis.set(xlabel="gap over diameter", ylabel="fraction of grains beyond, over that of mortar", ylim=(0.0, None))
-    axis.legend(title="each mark a seed; beside it their number", fontsize=8, title_fontsize=8)
+    axis.set(xlabel="gap over diameter", ylabel="fraction of grains beyond, over mortar's", ylim=(0.0, 1.1))
+    axis.margins(x=0.25)
+    axis.set_title("diameter, fraction of the volume; number of seeds", fontsize=9)
     figure.savefig(points.FIGURES / "passing.png", dpi=110)
-    head = "Run", "Grains", "Seeds", "Grains, mortar beyond at 1 s", "at the end", "ratio", "One thread, mean"
+    head = "Run", "Grains", "Seeds", f"Grains, mortar beyond at {UNTIL:g} s", "ratio", "One thread, mean"
     points.put("howto/grains.md", "passing", points.table(head, lines), rows.values())
 
 
 if __name__ == "__main__":
     for case in [case for case in CASES if case not in known()][: int(sys.argv[1]) if sys.argv[1:] else None]:
+        found = json.dumps(row(*case))
         with ROWS.open("a", encoding="utf-8") as file:
-            print(json.dumps(row(*case)), file=file)
+            print(found, file=file)
     draw()

@@ -313,7 +313,9 @@ def test_grains_are_where_and_as_large_as_their_particles_and_no_period_counts_a
     x, radii, kinds, way = grains_of(stones, moved(stones, (0.03, 0.07, 0.04)))
     off = x - stones.grain_places[1] - (0.03, 0.07, 0.04)
     np.testing.assert_allclose(off - (0.0, 0.2, 0.0) * np.round(off / 0.2), 0.0, atol=1e-12)
-    np.testing.assert_allclose(radii, 0.01 * (123.0 * 0.75 / np.pi) ** (1 / 3))  # 123 points of a lattice in a ball of 3
+    np.testing.assert_allclose(
+        radii, 0.01 * (123.0 * 0.75 / np.pi) ** (1 / 3)
+    )  # 123 points of a lattice in a ball of 3
     np.testing.assert_allclose(way + kinds, 0.05, atol=1e-12)
 
 
