@@ -196,7 +196,7 @@ def film_of_grains(scene, states, low, step) -> dict:
         "sizes": rounded(1e3 * np.sort(scene.grains.diameters)),
         "radii": rounded(shown[0][1]),
         "kinds": shown[0][2].tolist(),
-        "free": embed([~np.array(scene.periodic)])[0].tolist(),
+        "free": rounded(embed(1.0 - np.array([scene.periodic]))[0]),
         "centres": base64.b64encode(zlib.compress(np.diff(codes, axis=0, prepend=0).astype("<i2").tobytes())).decode(),
     }
 
