@@ -22,15 +22,9 @@ from taichi_mps.io.run_folder import RunFolder
 ROWS, RUNS, GAP = points.RESULTS / "passing.jsonl", points.ROOT / "renders/passing", 41.0  # between two bars [mm]
 UNTIL, SETTINGS = 1.0, ("model", "diameter_mm", "fraction", "across", "seed")
 SLICES = [("slice", d, part, 4, seed) for seed in range(1, 11) for part in (0.3, 0.2, 0.1) for d in (20, 16, 12)]
-# two of one spacing, the fullest of one seed, the whole box beside them, a finer slice, then the rest
-FIRST = [
-    ("slice", 28, 0.3, 4, 1),
-    ("slice", 21, 0.3, 3, 1),
-    *SLICES[:3],
-    ("full", 16, 0.3, 4, 1),
-    ("slice", 16, 0.3, 6, 1),
-]
-CASES = [*FIRST, *SLICES[3:]]
+# three of one spacing, the fullest of one seed, the whole box beside them, a finer slice, then the rest
+WIDE = [("slice", 7 * across, 0.3, across, 1) for across in (5, 4, 3)]
+CASES = [*WIDE, *SLICES[:3], ("full", 16, 0.3, 4, 1), ("slice", 16, 0.3, 6, 1), *SLICES[3:]]
 
 
 def known() -> dict[tuple, dict]:
@@ -72,28 +66,24 @@ def draw() -> None:
     rows, lines = known(), []
     figure, axis = points.pyplot().subplots(figsize=(6.4, 3.6), layout="constrained")
     for case in sorted({key[:-1] for key in rows}, key=lambda case: (case[0], -case[2], case)):
-        model, diameter, part, across = case
         some = [each for key, each in rows.items() if key[:-1] == case]
-        grains, mortar, minutes, memory = np.array(
-            [
-                (each["grains_beyond"][-1], each["mortar_beyond"][-1], each["cpu_s"] / 60, each["peak_MB"])
-                for each in some
-            ]
+        grains, mortar, seconds, memory = np.array(
+            [(each["grains_beyond"][-1], each["mortar_beyond"][-1], each["cpu_s"], each["peak_MB"]) for each in some]
         ).T
-        ratio, at = grains / mortar, GAP / diameter + 0.3 * (part - 0.3)
-        mark = {"color": f"C{10 * part:.0f}", "marker": {3: "s", 4: "o", 6: "D"}[across], "ls": "", "mfc": "none"}
-        axis.plot(np.full(len(some), at), ratio, **mark)
+        ratio, text = grains / mortar, f"{case[1]} mm, {case[2]:g}"
+        at = GAP / case[1] + 0.3 * (case[2] - 0.3)  # less of them a little to the left
+        axis.plot(np.full(len(some), at), ratio, f"C{10 * case[2]:.0f}{'d' if case[0] == 'full' else 'o'}", mfc="none")
         axis.annotate(
-            f"{diameter} mm, {part:g}; {len(some)}", (at, ratio.max()), (6, 3), textcoords="offset points", size=8
+            f"{text}; {len(some)}", (at, ratio.max()), (0, 6), textcoords="offset points", size=8, ha="center"
         )
+        told = f"{min(ratio):.2f}" + (f" to {max(ratio):.2f}" if len(some) > 1 else "")
         beyond = f"{100 * grains.mean():.1f} %, {100 * mortar.mean():.1f} %"
-        told = f"{ratio.min():.2f}" + (f" to {ratio.max():.2f}" if len(some) > 1 else "")
-        cost = f"{minutes.mean():.1f} min, {memory.mean():.0f} MB"
-        lines.append((f"{model}, {across} across", f"{diameter} mm, {part:g}", len(some), beyond, told, cost))
-    axis.axhline(0.5, color="0.6", lw=0.8)  # below, they block
-    axis.set(xlabel="gap over diameter", ylabel="fraction of grains beyond, over mortar's", ylim=(0.0, 1.1))
-    axis.margins(x=0.25)
-    axis.set_title("diameter, fraction of the volume; number of seeds", fontsize=9)
+        cost = f"{seconds.mean() / 60:.1f} min, {memory.mean():.0f} MB"
+        lines.append((f"{case[0]}, {case[3]} across", text, len(some), beyond, told, cost))
+    axis.axhline(0.5, color="0.6", lw=0.8)
+    axis.set(xlabel="gap over diameter", ylabel="fraction of grains beyond, over mortar's")
+    axis.margins(0.2)
+    axis.set_ylim(0.0)
     figure.savefig(points.FIGURES / "passing.png", dpi=110)
     head = "Run", "Grains", "Seeds", f"Grains, mortar beyond at {UNTIL:g} s", "ratio", "One thread, mean"
     points.put("howto/grains.md", "passing", points.table(head, lines), rows.values())
