@@ -23,8 +23,13 @@ ROWS, RUNS, GAP = points.RESULTS / "passing.jsonl", points.ROOT / "renders/passi
 UNTIL, SETTINGS = 1.0, ("model", "diameter_mm", "fraction", "across", "seed")
 SLICES = [("slice", d, part, 4, seed) for seed in range(1, 11) for part in (0.3, 0.2, 0.1) for d in (20, 16, 12)]
 # three of one spacing, the fullest of one seed, the whole box beside them, a finer slice, then the rest
-WIDE = [("slice", 7 * across, 0.3, across, 1) for across in (5, 4, 3)]
-CASES = [*WIDE, *SLICES[:3], ("full", 16, 0.3, 4, 1), ("slice", 16, 0.3, 6, 1), *SLICES[3:]]
+CASES = [
+    *(("slice", 7 * n, 0.3, n, 1) for n in (5, 4, 3)),
+    *SLICES[:3],
+    ("full", 16, 0.3, 4, 1),
+    ("slice", 16, 0.3, 6, 1),
+]
+CASES += SLICES[3:]
 
 
 def known() -> dict[tuple, dict]:
@@ -45,8 +50,8 @@ def row(model, diameter, fraction, across, seed) -> dict:
     _, status, used = os.wait4(child.pid, 0)
     assert not status, f"{folder.path.name}: the run has failed"
     summary, history, times = folder.read_summary(), read_history(folder.history), np.arange(1, 11) / 10 * UNTIL
-    grains = history["grains_passed_number"] / history["grains_number"]
-    at = [np.interp(times, history["time_s"], y).round(4).tolist() for y in (grains, history["mortar_passed_ratio"])]
+    courses = history["grains_passed_number"] / history["grains_number"], history["mortar_passed_ratio"]
+    at = [np.interp(times, history["time_s"], course).round(4).tolist() for course in courses]
     return dict(zip(SETTINGS, (model, diameter, fraction, across, seed), strict=True)) | {
         "time_s": times.round(3).tolist(),
         "grains_beyond": at[0],
@@ -67,23 +72,21 @@ def draw() -> None:
     figure, axis = points.pyplot().subplots(figsize=(6.4, 3.6), layout="constrained")
     for case in sorted({key[:-1] for key in rows}, key=lambda case: (case[0], -case[2], case)):
         some = [each for key, each in rows.items() if key[:-1] == case]
-        grains, mortar, seconds, memory = np.array(
-            [(each["grains_beyond"][-1], each["mortar_beyond"][-1], each["cpu_s"], each["peak_MB"]) for each in some]
-        ).T
-        ratio, text = grains / mortar, f"{case[1]} mm, {case[2]:g}"
+        found = [
+            (each["grains_beyond"][-1], each["mortar_beyond"][-1], each["cpu_s"], each["peak_MB"]) for each in some
+        ]
+        (grains, mortar, seconds, memory), text = np.mean(found, axis=0), f"{case[1]} mm, {case[2]:g}"
+        ratio = [one / other for one, other, *_ in found]
         at = GAP / case[1] + 0.3 * (case[2] - 0.3)  # less of them a little to the left
-        axis.plot(np.full(len(some), at), ratio, f"C{10 * case[2]:.0f}{'d' if case[0] == 'full' else 'o'}", mfc="none")
-        axis.annotate(
-            f"{text}; {len(some)}", (at, ratio.max()), (0, 6), textcoords="offset points", size=8, ha="center"
-        )
+        axis.plot([at] * len(some), ratio, f"C{10 * case[2]:.0f}{'d' if case[0] == 'full' else 'o'}", mfc="none")
+        axis.annotate(f"{text}; {len(some)}", (at, max(ratio)), (0, 6), textcoords="offset points", size=8, ha="center")
         told = f"{min(ratio):.2f}" + (f" to {max(ratio):.2f}" if len(some) > 1 else "")
-        beyond = f"{100 * grains.mean():.1f} %, {100 * mortar.mean():.1f} %"
-        cost = f"{seconds.mean() / 60:.1f} min, {memory.mean():.0f} MB"
-        lines.append((f"{case[0]}, {case[3]} across", text, len(some), beyond, told, cost))
+        cells = text, len(some), f"{100 * grains:.1f} %, {100 * mortar:.1f} %", told
+        lines.append((f"{case[0]}, {case[3]} across", *cells, f"{seconds / 60:.1f} min, {memory:.0f} MB"))
     axis.axhline(0.5, color="0.6", lw=0.8)
-    axis.set(xlabel="gap over diameter", ylabel="fraction of grains beyond, over mortar's")
-    axis.margins(0.2)
-    axis.set_ylim(0.0)
+    axis.set(
+        xlabel="gap over diameter", ylabel="fraction of grains beyond, over mortar's", xlim=(1, 4), ylim=(-0.05, 1.5)
+    )
     figure.savefig(points.FIGURES / "passing.png", dpi=110)
     head = "Run", "Grains", "Seeds", f"Grains, mortar beyond at {UNTIL:g} s", "ratio", "One thread, mean"
     points.put("howto/grains.md", "passing", points.table(head, lines), rows.values())
@@ -91,7 +94,7 @@ def draw() -> None:
 
 if __name__ == "__main__":
     for case in [case for case in CASES if case not in known()][: int(sys.argv[1]) if sys.argv[1:] else None]:
-        found = json.dumps(row(*case))
+        text = json.dumps(row(*case))
         with ROWS.open("a", encoding="utf-8") as file:
-            print(found, file=file)
+            print(text, file=file)
     draw()
