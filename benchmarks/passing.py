@@ -79,7 +79,7 @@ def draw() -> None:
         ratio = [one / other for one, other, *_ in found]
         at = GAP / case[1] + 0.3 * (case[2] - 0.3)  # less of them a little to the left
         axis.plot([at] * len(some), ratio, f"C{10 * case[2]:.0f}{'d' if case[0] == 'full' else 'o'}", mfc="none")
-        axis.annotate(f"{text}; {len(some)}", (at, max(ratio)), (0, 6), textcoords="offset points", size=8, ha="center")
+        axis.annotate(f"{text}; {len(some)}", (at, max(ratio)), (6, -3), textcoords="offset points", size=8)
         told = f"{min(ratio):.2f}" + (f" to {max(ratio):.2f}" if len(some) > 1 else "")
         cells = text, len(some), f"{100 * grains:.1f} %, {100 * mortar:.1f} %", told
         lines.append((f"{case[0]}, {case[3]} across", *cells, f"{seconds / 60:.1f} min, {memory:.0f} MB"))
