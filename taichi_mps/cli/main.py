@@ -98,6 +98,8 @@ def planned(name, argv):
     for key in (key for key in keywords if is_tuple(parameters.model_fields[key])):
         read_back(key, scene.parameters[key], parameters.model_fields[key])
     scene = replace(scene, until=options.until or scene.until, grains=grains or scene.grains)
+    there = scene.grains or not (options.cut or options.view == "distance")
+    require(there, "cut, view = distance: the scene has no grains; must be left out")
     return arguments, options, Problem(scene, numerics(**given(arguments, numerics)))
 
 
@@ -207,7 +209,8 @@ def render(arguments) -> int:
     options = Pictures(**given(arguments, Pictures))
     folders = [RunFolder(path) for path in (arguments.run, arguments.beside) if path]
     replays = [Trajectory(folder.trajectory).checked_replay(arguments.scene) for folder in folders]
-    suffix = ("" if options.view == "concrete" else f"-{options.view}") + ("-beads" if options.beads else "")
+    view = {options.view: options.view != "concrete", "beads": options.beads, "cut": options.cut}
+    suffix = "".join(f"-{name}" for name, on in view.items() if on)
     suffix += f"-beside-{folders[1].path.resolve().name}" if arguments.beside else ""
     files = redraw(replays, folders[0].path, suffix, options, arguments.film)
     text = f"{files['pictures']} pictures in {files['frames']}, {files.get('film', files['animation'])}"

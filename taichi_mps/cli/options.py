@@ -110,10 +110,11 @@ def tell(arguments, facts, text) -> int:
 class Pictures(Checked):
     """Options of every command that draws."""
 
-    view: Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"] = Field(
+    view: Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix", "distance"] = Field(
         "concrete", description="what the pictures are coloured by"
     )
     beads: bool = Field(False, description="show the particles, not the smooth surface")
+    cut: bool = Field(False, description="cut the mortar around grains open, instead of translucent")
 
 
 class Workers(Checked):

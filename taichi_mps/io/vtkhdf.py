@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from pydantic import Field, InstanceOf
 
-from ..engine import Frame, Scene, Snapshot, embed
+from ..engine import Frame, Grains, Scene, Snapshot, embed
 from ..input import catalogue
 from ..units import File, SceneError, require, validated
 from . import untrusted_hdf5 as untrusted
@@ -108,6 +108,12 @@ class Trajectory:
                 file.create_dataset(name, (0, *shape), rows.dtype, **CHECKSUMMED | room)
             root["Steps"].attrs["NSteps"] = 0
             origin = {"source": source, "parameters": json.dumps(scene.parameters)}
+            if scene.grains and scene.grains.centres is None:  # those of a grading are not of the scene's function
+                names = "volume_fraction", "density", "friction", "seed"
+                grains = {"diameter": scene.grains.grading.tolist()} | {
+                    key: getattr(scene.grains, key) for key in names
+                }
+                origin["grains"] = json.dumps(grains)
             texts = {name: np.bytes_(text.encode("utf-8", "surrogateescape")) for name, text in origin.items()}
             own.attrs.update(texts, dimension=s.x.shape[1], every=every)  # of fixed length, which HDF5 checks, too
             own.create_dataset("wall_x", data=s.wall_x, **CHECKSUMMED if s.wall_x.size else {})
@@ -256,6 +262,32 @@ class Trajectory:
                 float(own.attrs["every"]),
             )
 
+    def rebuilt(self, scene_file: Any = None) -> Scene:
+        """Make the scene of the run again, with its grains.
+
+        Parameters
+        ----------
+        scene_file : path-like, optional
+            File of a scene that is not built in.
+
+        Returns
+        -------
+        Scene
+            Scene.
+
+        Raises
+        ------
+        SceneError
+            If the file is damaged, or the scene is not built in and ``scene_file`` is not given.
+        """
+        source, parameters, _ = self.origin()
+        scene = catalogue.rebuild(source, parameters, scene_file)
+        with self._opened() as file:
+            own = untrusted.own_member(file, "taichi_mps")
+            if "grains" in own.attrs:
+                scene = replace(scene, grains=Grains(**json.loads(untrusted.text(own, "grains"))))
+        return scene
+
     def times(self) -> np.ndarray:
         """Return the times of the outputs.
 
@@ -299,9 +331,8 @@ class Trajectory:
         SceneError
             If the file is damaged, or belongs to another scene.
         """
-        source, parameters, _ = self.origin()
         try:
-            scene = scene or catalogue.rebuild(source, parameters, scene_file)
+            scene = scene or self.rebuilt(scene_file)
         except SceneError as error:
             raise SceneError(f"{self.path.name}: {error}") from None
         with self._opened() as file:

@@ -11,7 +11,7 @@ import numpy as np
 from ..engine import Snapshot, embed, frame_between, still
 from ..input.labels import in_words, title, unit_of_measure
 from ..units import SceneError
-from ..viz.body import SECTORS, profile, smooth_surface
+from ..viz.body import SECTORS, grains_of, profile, smooth_surface
 from ..viz.view_volume import dimensions, view_volume, wall_lines, with_mirror_images
 from . import inputs
 from .sentences import is_scene_measure
@@ -25,6 +25,7 @@ MAX_POINTS = 400  # of a curve
 MAX_BEGINNING = 100_000  # particles of a body before it flows, whose surface takes a second
 AT_HEIGHT = re.compile(r"(.+)_at_(\d+)mm_Pa")  # a pressure at a height
 CORNERS = 12  # of the polygon that is drawn for a particle
+GRAIN_BYTES = 6  # of a grain in a picture of the film, at most
 
 
 def drawings(run, film: dict, last: Snapshot) -> dict:
@@ -174,13 +175,14 @@ def film_data(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[d
     coordinate less that of the point before, in 16 bits, low byte first: ``low`` + ``step`` * sum [m]; ``normals``, a
     byte a coordinate; ``colours``, a byte each: the speed, whose code MAX_SPEED_CODE stands for ``fastest`` [m/s], plus
     FLOWING_BIT if it flows; ``rows`` of the points that are linked, in 32 bits: the first corner less that of the link
-    before, the others less the first."""
+    before, the others less the first. ``grains``: see ``film_of_grains``."""
     outputs = trajectory.times()
     if not len(outputs):
         raise SceneError(f"run = {trajectory.path.parent}: run.h5 holds no output yet")
     (end,) = trajectory.replay(scene=scene, chosen=[len(outputs) - 1])
     last = surface_geometry(scene, end.state)
-    fitting = max(2, int(room / len(zlib.compress(b"".join(pack(*last, 1.0, *position_scale([last])).values())))))
+    picture = len(zlib.compress(b"".join(pack(*last, 1.0, *position_scale([last])).values())))
+    fitting = max(2, int(room / (picture + GRAIN_BYTES * end.state.grain.max(initial=0))))
     chosen = np.unique(np.linspace(0, len(outputs) - 1, min(len(outputs), fitting)).round().astype(int)).tolist()
     parts = max(1, min(MAX_STEPS_BETWEEN, min(fitting, SMOOTH_FILM) // len(outputs)))
     states = [
@@ -195,7 +197,8 @@ def film_data(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[d
         for state, one in zip(states, shapes, strict=True)
     ]
     film = packed_film(shapes, [round(state.time, 6) for state in states], measured)
-    return film | {"outputs": len(outputs)}, end.state
+    grains = film_of_grains(scene, states, film["low"], film["step"]) if scene.grains else None
+    return film | {"outputs": len(outputs), "grains": grains}, end.state
 
 
 def packed_film(shapes, times, measured) -> dict:
@@ -216,6 +219,21 @@ def packed_film(shapes, times, measured) -> dict:
         "fastest": float(fastest),
         "dimensions": measured,
     } | {key: base64.b64encode(zlib.compress(stream)).decode() for key, stream in data.items()}
+
+
+def film_of_grains(scene, states, low, step) -> dict:
+    """Grains: ``sizes`` [mm], and of each its ``radii`` [m] and the row of its size, ``kinds``; ``free``, 1 of an axis
+    along which its way counts; and ``centres`` in each picture as base64 of deflated bytes, in 16 bits, low byte first:
+    codes of coordinates as in ``film_data``, less those of the picture before."""
+    shown = [grains_of(scene, state) for state in states]
+    codes = np.round((np.array([embed(each[0]) for each in shown]) - low) / step).astype(np.int32)
+    return {
+        "sizes": rounded(1e3 * np.sort(scene.grains.diameters)),
+        "radii": rounded(shown[0][1]),
+        "kinds": shown[0][2].tolist(),
+        "free": rounded(embed(1.0 - np.array([scene.periodic]))[0]),
+        "centres": base64.b64encode(zlib.compress(np.diff(codes, axis=0, prepend=0).astype("<i2").tobytes())).decode(),
+    }
 
 
 def with_intermediate_frames(frames, parts: int):

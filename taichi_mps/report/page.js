@@ -1,12 +1,42 @@
 "use strict";
 const data = JSON.parse(element("data").textContent), film = data.film, canvas = element("view"), over = element("over");
-const MODES = { concrete: 0, speed: 1, flowing: 2 }, HOLD = 1.5; // [s] that the end of the film stays
-const state = { output: 0, playing: false, viewer: null, meshes: [] };
+const MODES = { concrete: 0, distance: 0, speed: 1, flowing: 2 }, HOLD = 1.5; // [s] that the end of the film stays
+const STONES = [[0.8, 0.4, 0.18], [0.22, 0.44, 0.66], [0.36, 0.56, 0.3]]; // of sizes of grains in turn
+const state = { output: 0, playing: false, viewer: null, meshes: [], grains: [] };
+
+// ---- grains -------------------------------------------------------------------------------------------------------
+/* Centres of the grains in each picture, and how far each has come. */
+async function decodedGrains({ centres, radii, free }) {
+  const codes = await inflated(centres, Int16Array), long = 3 * radii.length;
+  for (let k = long; k < codes.length; k++) codes[k] += codes[k - long];
+  const places = film.times.map((_, k) => Float32Array.from(codes.subarray(k * long, (k + 1) * long), (code, i) => film.low[i % 3] + film.step[i % 3] * code));
+  const way = (at) => radii.map((_, g) => Math.hypot(...free.map((on, k) => on * (at[3 * g + k] - places[0][3 * g + k]))));
+  return places.map((at) => ({ at, way: way(at) }));
+}
+
+/* Colour of a part of the way along the ramp. */
+function ramp(part) {
+  const at = Math.min(7.999, Math.max(0, 8 * part)), k = Math.floor(at);
+  return [0, 1, 2].map((c) => (RAMP[3 * k + c] + (at - k) * (RAMP[3 * k + 3 + c] - RAMP[3 * k + c])) / 255);
+}
+
+/* Grains of a picture on the graphics card, in the colours that are chosen. */
+function grains(output) {
+  const made = state.grains[output], { kinds, radii } = film.grains, { viewer } = state, by = element("colour").value;
+  if (made.by !== by) {
+    const tone = by === "distance" ? made.way.map((way) => ramp(way / state.farthest)) : kinds.map((kind) => STONES[kind % STONES.length]);
+    made.card = { at: viewer.buffer(made.at), tone: viewer.buffer(new Float32Array(tone.flat())), radius: viewer.buffer(new Float32Array(radii)), count: radii.length };
+    made.by = by;
+  }
+  return made.card;
+}
 
 // ---- the view -----------------------------------------------------------------------------------------------------
 function draw() {
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  state.viewer.draw(onCard(state.viewer, state.meshes[state.output]), { mode: MODES[element("colour").value], ...around(data, dark) });
+  const mode = MODES[element("colour").value], stones = film.grains && mode === 0;
+  const inside = stones ? { grains: grains(state.output), cut: element("mortar").value === "cut" ? 0.5 * (data.low[1] + data.high[1]) : null } : {};
+  state.viewer.draw(onCard(state.viewer, state.meshes[state.output]), { mode, ...inside, ...around(data, dark) });
   over.replaceChildren(...film.dimensions[state.output].flatMap((each) => dimension(state.viewer, each)));
 }
 
@@ -53,6 +83,12 @@ async function begin() {
   element("time").oninput = () => { play(false); show(Number(element("time").value)); };
   element("play").onclick = () => play(!state.playing);
   element("colour").onchange = () => { element("key").className = element("colour").value; draw(); };
+  if (film.grains) {
+    element("mortar").onchange = draw;
+    const name = film.grains.sizes.map((size, k) => `<i style="background:rgb(${STONES[k % STONES.length].map((part) => Math.round(255 * part))})"></i> ${size} mm`);
+    element("sizes").innerHTML = name.join(" ");
+    element("farthest").textContent = `${(100 * state.farthest).toPrecision(2)} cm`;
+  } else document.querySelectorAll(".of-grains").forEach((each) => each.remove());
   element("nearer").onclick = () => zoom(1.25);
   element("farther").onclick = () => zoom(0.8);
   element("pace").textContent = pace(film)[1];
@@ -74,6 +110,8 @@ async function write() {
   element("save-results").onclick = () => save(name("results"), results(table));
   try {
     state.meshes = await decoded(film);
+    state.grains = film.grains ? await decodedGrains(film.grains) : [];
+    state.farthest = Math.max(1e-9, ...(state.grains.at(-1)?.way ?? []));
     const { middle } = data.section;
     cross(data.section, middle === undefined ? null : sliced(state.meshes.at(-1), middle, data.floor), element("section"));
     if (data.filling) filled(data.filling, element("section"));

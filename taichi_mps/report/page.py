@@ -38,8 +38,9 @@ class RunRecord:
 
     def __init__(self, folder: RunFolder, scene: Scene | None, scene_file):
         self.folder, self.path, self.scene_file = folder, folder.path, scene_file
-        self.source, parameters, self.every = Trajectory(folder.trajectory).origin()
-        self.scene = scene or catalogue.rebuild(self.source, parameters, scene_file)
+        trajectory = Trajectory(folder.trajectory)
+        self.source, parameters, self.every = trajectory.origin()
+        self.scene = scene or trajectory.rebuilt(scene_file)
         self.history = read_history(folder.history)
         if len(self.history["time_s"]) == 0:
             raise SceneError(f"run = {folder.path}: history.csv holds no row yet")

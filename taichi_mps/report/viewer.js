@@ -1,14 +1,19 @@
 "use strict";
 /* A lit body, its shadow on the floor, and glass around it, by WebGL 2. Coordinates [m], z up. */
+const LIGHT = `vec3 light(vec3 base, vec3 m, vec3 to, vec3 sun) {
+    float shine = (0.5 + 0.16 * m.z) * (0.66 + 0.34 * max(0.0, dot(m, to))) + 0.62 * max(0.0, dot(m, sun));
+    return base * shine + 0.10 * pow(max(0.0, dot(m, normalize(to + sun))), 24.0); }`;
 const SHADERS = {
   lit: [`in vec3 at, normal; in float shade; uniform mat4 view; uniform vec3 sun; uniform float flat_on, size;
     out vec3 n, place; out float s;
     void main() { n = normal; place = at; s = shade; vec3 p = at;
       if (flat_on > -1e8) p = vec3(at.xy - sun.xy / sun.z * (at.z - flat_on), flat_on);
       gl_Position = view * vec4(p, 1.0); gl_PointSize = size / gl_Position.w; }`,
-  `in vec3 n, place; in float s; uniform vec3 eye, sun, tone; uniform float mode, dots; uniform vec4 paint; out vec4 colour;
+  `in vec3 n, place; in float s; uniform vec3 eye, sun, tone; uniform float mode, dots, cut, cover; uniform vec4 paint; out vec4 colour;
     uniform vec3 ramp[9];
+    ${LIGHT}
     void main() {
+      if (place.y < cut) discard;
       if (dots > 0.5 && length(gl_PointCoord - 0.5) > 0.5) discard;
       if (paint.a > 0.0) { colour = vec4(paint.rgb * paint.a, paint.a); return; }
       float speed = mod(s * 255.0, 128.0) / 127.0 * 8.0;
@@ -16,10 +21,20 @@ const SHADERS = {
       if (mode > 1.5) base = s > 0.5 ? vec3(0.93, 0.50, 0.16) : vec3(0.45, 0.53, 0.64);
       else if (mode > 0.5) base = mix(ramp[int(min(speed, 7.0))], ramp[int(min(speed, 7.0)) + 1], speed - min(floor(speed), 7.0));
       if (dots > 0.5) { colour = vec4(base * (length(gl_PointCoord - 0.5) > 0.42 ? 0.8 : 1.0), 1.0); return; }
-      vec3 to = normalize(eye - place), m = normalize(n);
-      float light = (0.5 + 0.16 * m.z) * (0.66 + 0.34 * max(0.0, dot(m, to))) + 0.62 * max(0.0, dot(m, sun));
-      float gleam = 0.10 * pow(max(0.0, dot(m, normalize(to + sun))), 24.0);
-      colour = vec4(base * light + gleam, 1.0); }`],
+      colour = vec4(light(base, normalize(n), normalize(eye - place), sun), 1.0) * cover; }`],
+  grains: [`in vec3 at, tone; in float radius; uniform mat4 view; uniform float size, cut; out vec3 middle, base; out float r;
+    void main() { middle = at; base = tone; r = radius; gl_Position = at.y < cut ? vec4(2.0, 2.0, 2.0, 1.0) : view * vec4(at, 1.0);
+      gl_PointSize = 2.0 * radius * size / gl_Position.w; }`,
+  `in vec3 middle, base; in float r; uniform mat4 view; uniform vec3 eye, sun, right, up, ahead; out vec4 colour;
+    ${LIGHT}
+    void main() {
+      vec2 c = 2.0 * gl_PointCoord - 1.0;
+      float deep = 1.0 - dot(c, c);
+      if (deep < 0.0) discard;
+      vec3 m = c.x * right - c.y * up - sqrt(deep) * ahead, place = middle + r * m;
+      vec4 p = view * vec4(place, 1.0);
+      gl_FragDepth = 0.5 + 0.5 * p.z / p.w;
+      colour = vec4(light(base, m, normalize(eye - place), sun), 1.0); }`],
   plain: [`in vec3 at; uniform mat4 view; out vec3 place; void main() { place = at; gl_Position = view * vec4(at, 1.0); }`,
   `in vec3 place; uniform vec4 paint; uniform vec3 middle; uniform float tick, reach; out vec4 colour;
     float line(float x, float step, float strength) { float f = abs(fract(x / step - 0.5) - 0.5) * step / max(fwidth(x), 1e-9);
@@ -30,6 +45,7 @@ const SHADERS = {
         a = (0.10 + 0.5 * lines) * (1.0 - smoothstep(0.55 * reach, reach, distance(p, middle.xy))); }
       colour = vec4(paint.rgb * a, a); }`],
 };
+const TONE = [0.7, 0.695, 0.68]; // of concrete
 const RAMP = [68, 1, 84, 71, 44, 122, 59, 81, 139, 44, 113, 142, 33, 144, 141, 39, 173, 129, 92, 200, 99, 170, 220, 50, 253, 231, 37];
 const subtract = (a, b) => a.map((value, k) => value - b[k]), dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const crossed = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -54,7 +70,7 @@ class Viewer {
         gl.compileShader(shader);
         gl.attachShader(program, shader);
       });
-      ["at", "normal", "shade"].forEach((each, k) => gl.bindAttribLocation(program, k, each));
+      ["at", "normal", "shade", "tone", "radius"].forEach((each, k) => gl.bindAttribLocation(program, k, each));
       gl.linkProgram(program);
       if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
       const uniforms = {};
@@ -131,8 +147,41 @@ class Viewer {
     gl.deleteBuffer(made);
   }
 
-  /* A body as ``mesh`` prepared it, in a mode of colours, faces of glass, lines, and light or dark around. */
-  draw(mesh, { mode, panes, lines, dark, size }) {
+  /* Grains as spheres. */
+  spheres({ at, tone, radius, count }, values) {
+    const gl = this.gl, { eye, right, up, ahead } = this;
+    this.use("grains", { eye, right, up, ahead, ...values });
+    [[0, at, 3], [3, tone, 3], [4, radius, 1]].forEach(([k, made, width]) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, made);
+      gl.enableVertexAttribArray(k);
+      gl.vertexAttribPointer(k, width, gl.FLOAT, false, 0, 0);
+    });
+    gl.drawArrays(gl.POINTS, 0, count);
+    [3, 4].forEach((k) => gl.disableVertexAttribArray(k));
+  }
+
+  /* The face of a closed body where the plane y = ``cut`` opens it: seen through an odd number of its surfaces. */
+  face(cut, body) {
+    const gl = this.gl, [[left, , bottom], [right, , top]] = this.box, room = right - left + top - bottom;
+    gl.enable(gl.STENCIL_TEST);
+    gl.clear(gl.STENCIL_BUFFER_BIT);
+    gl.stencilFunc(gl.ALWAYS, 0, 1);
+    gl.stencilOp(gl.INVERT, gl.INVERT, gl.INVERT);
+    gl.colorMask(false, false, false, false);
+    gl.depthMask(false);
+    body();
+    gl.colorMask(true, true, true, true);
+    gl.depthMask(true);
+    gl.stencilFunc(gl.NOTEQUAL, 0, 1);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.KEEP);
+    const corners = [[left - room, bottom - room], [right + room, bottom - room], [left - room, top + room], [right + room, top + room]];
+    if (this.eye[1] < cut) this.plain(corners.flatMap(([x, z]) => [x, cut, z]), gl.TRIANGLE_STRIP, [...TONE.map((part) => 0.9 * part), 1]);
+    gl.disable(gl.STENCIL_TEST);
+  }
+
+  /* A body as ``mesh`` prepared it, in a mode of colours, faces of glass, lines, and light or dark around; with ``grains``,
+     buffers at, tone and radius of so many, seen through it, or beyond the plane y = ``cut`` at which it is cut open. */
+  draw(mesh, { mode, panes, lines, dark, size, grains = null, cut = null }) {
     const gl = this.gl, canvas = this.canvas, ratio = this.detail * Math.min(2, window.devicePixelRatio || 1);
     [canvas.width, canvas.height] = [canvas.clientWidth, canvas.clientHeight].map((value) => Math.round(value * ratio));
     gl.viewport(0, 0, canvas.width, canvas.height);
@@ -150,7 +199,7 @@ class Viewer {
       this.plain([x - r, y - r, level, x + r, y - r, level, x - r, y + r, level, x + r, y + r, level], gl.TRIANGLE_STRIP, [...ink, 0.5], { tick: this.tick, reach: r });
       gl.depthMask(true);
     }
-    const many = { sun, eye: this.eye, mode, dots: mesh.corners ? 0 : 1, ramp: RAMP.map((v) => v / 255), tone: [0.7, 0.695, 0.68], size: (ratio * size * canvas.clientHeight) / 2 / Math.tan(0.22) };
+    const many = { sun, eye: this.eye, mode, dots: mesh.corners ? 0 : 1, ramp: RAMP.map((v) => v / 255), tone: TONE, cut: cut ?? -1e9, cover: 1, size: (ratio * size * canvas.clientHeight) / 2 / Math.tan(0.22) };
     const body = (values) => {
       this.use("lit", { ...many, ...values });
       [[mesh.at, 3, gl.FLOAT, false], [mesh.normal, 3, gl.BYTE, true], [mesh.shade, 1, gl.UNSIGNED_BYTE, true]].forEach(([made, ...how], k) => {
@@ -172,7 +221,17 @@ class Viewer {
       gl.enable(gl.DEPTH_TEST);
       gl.disable(gl.STENCIL_TEST);
     }
-    body({ flat_on: -1e9, paint: [0, 0, 0, 0] });
+    const here = { flat_on: -1e9, paint: [0, 0, 0, 0] };
+    if (grains) this.spheres(grains, { sun, cut: cut ?? -1e9, size: (ratio * canvas.clientHeight) / 2 / Math.tan(0.22) });
+    if (cut !== null && mesh.corners) this.face(cut, () => body(here));
+    if (grains && cut === null && mesh.corners) { // its nearest surface alone, over the grains
+      gl.colorMask(false, false, false, false);
+      body(here);
+      gl.colorMask(true, true, true, true);
+      gl.depthFunc(gl.LEQUAL);
+      body({ ...here, cover: 0.5 });
+      gl.depthFunc(gl.LESS);
+    } else body(here);
     for (const { points, colour } of lines) this.plain(points, gl.LINES, colour);
     gl.depthMask(false);
     const pane = dark ? [0.55, 0.78, 0.9] : [0.38, 0.59, 0.69];

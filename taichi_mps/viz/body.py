@@ -81,6 +81,26 @@ def surface_of(scene, part: Snapshot, cube: float, fields) -> tuple[Snapshot, np
     return replace(section, x=x, **fields), normals, triangles
 
 
+def grains_of(scene, s: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Grains of a body: centres (g, d) [m]; radii (g,) [m] of spheres or discs as large as their particles together;
+    rows (g,) of their diameters among those of the scene, the smallest first; and how far each centre has come since 0
+    s (g,) [m], along axes that are not periodic."""
+    rows = np.argsort(s.grain, kind="stable")[np.count_nonzero(s.grain == 0) :]
+    _, first, count = np.unique(s.grain[rows], return_index=True, return_counts=True)
+    (low, high), periodic = np.array(scene.domain, float), np.array(scene.periodic)
+
+    def centres(x):
+        x, start = x[rows], x[rows[first]]
+        arms = x - np.repeat(start, count, axis=0)
+        arms -= periodic * (high - low) * np.round(arms / (high - low))  # of a grain on both sides of a period
+        return start + np.add.reduceat(arms, first) / count[:, None]
+
+    now, d = centres(s.x), s.x.shape[1]
+    radii = s.spacing * (count / (np.pi if d == 2 else 4.0 / 3.0 * np.pi)) ** (1.0 / d)
+    kinds = np.abs(2.0 * radii[:, None] - np.sort(scene.grains.diameters)).argmin(1)
+    return now, radii, kinds, np.linalg.norm((now - centres(scene.fluid)) * ~periodic, axis=1)
+
+
 def profile(scene, part: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray] | None:
     """Line in (r, z) whose revolution is the surface of the body: a snapshot of its k points (k, 2) with the fields of
     the nearest particles, their outward normals (k, 2), and its segments (m, 2), rows of the points. None for a body

@@ -26,10 +26,10 @@ def align_in_time(*replays):
 
 class SideBySide:
     """Draws one output of each run, left to right, with the same camera and the same range of colours, as numbered
-    pictures in the folder ``frames``. ``options``: view, beads; ``size``: width and height of each [pixels]."""
+    pictures in the folder ``frames``. ``options``: view, beads, cut; ``size``: width and height of each [pixels]."""
 
     def __init__(self, scenes, frames, options, **size):
-        how = {"view": options.view, "beads": options.beads, "beside": scenes} | size
+        how = {"view": options.view, "beads": options.beads, "cut": options.cut, "beside": scenes} | size
         self.frames, self.painters = frames, [Renderer(scene, **how) for scene in scenes]
 
     def draw(self, number: int, *outputs) -> Path:

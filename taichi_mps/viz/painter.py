@@ -179,13 +179,21 @@ class Painter:
             places = np.clip(lamp.project(coarse.reshape(-1, 3), SHADOW / lamp.width)[:, :2], 0, SHADOW - 1).astype(int)
             lamp.of_floor = tuple(places.reshape(*coarse.shape[:2], 2).transpose(2, 0, 1)[::-1])
 
-    def draw(self, body):
-        """Draw a Mesh or Beads: picture (h, w, 3) uint8 and depth (h, w) [m]."""
-        for lamp in self.lamps:
-            place, _, near = body.rasterize(lamp)
-            lamp.depth = np.full((lamp.height, lamp.width), FAR, np.float32)
-            lamp.depth.ravel()[place] = near
-        picture = self._floor_in_light()
+    def draw(self, *bodies, clear=1e-9):
+        """Draw bodies, Mesh or Beads: picture (h, w, 3) uint8 and depth (h, w) [m]. The first casts its shadow on the
+        floor, each on itself. Others are seen through it: their light falls by a factor of e over ``clear`` [m]."""
+        picture, depth = None, np.full(self.far.shape, FAR, np.float32)
+        for body in bodies:
+            for lamp in self.lamps:
+                place, _, near = body.rasterize(lamp)
+                lamp.depth = np.full((lamp.height, lamp.width), FAR, np.float32)
+                lamp.depth.ravel()[place] = near
+            picture = self._floor_in_light() if picture is None else picture
+            self._paint(body, picture, depth, clear)
+        return picture, depth
+
+    def _paint(self, body, picture, depth, clear):
+        """Draw a body into a picture with depths of earlier bodies, through which it is seen as in ``draw``."""
         place, hit, near = body.rasterize(self.camera, SAMPLES_PER_SIDE)
         row, column = np.divmod(place.astype(np.int32), SAMPLES_PER_SIDE * self.camera.width)
         pixel = row // SAMPLES_PER_SIDE * self.camera.width + column // SAMPLES_PER_SIDE
@@ -196,11 +204,11 @@ class Painter:
         places = ((a[chosen].astype(np.float32) + 0.5) / SAMPLES_PER_SIDE for a in (column, row))
         colours, near = body.shade(self, hit[chosen], near[chosen], *places)
         fraction = np.bincount(pixel)[at, None].astype(np.float32) / SAMPLES_PER_SIDE**2
-        flat, depth = picture.reshape(-1, 3), np.full(self.far.shape, FAR, np.float32)
+        flat, before = picture.reshape(-1, 3), depth.ravel()[at]
+        fraction *= np.exp(np.minimum(before - near, 0.0) / np.float32(clear))[:, None]
         mixed = flat[at] * ((1.0 - fraction) / np.float32(255.0)) + np.minimum(colours, 1.0) * fraction
         flat[at] = (np.float32(255.0) * mixed + np.float32(0.5)).astype(np.uint8)
-        depth.ravel()[at] = near
-        return picture, depth
+        depth.ravel()[at] = np.minimum(near, before)
 
     def _floor_in_light(self):
         """Picture (h, w, 3) uint8 of the floor with the shadow of the body, without the body."""
@@ -213,12 +221,13 @@ class Painter:
         fine = np.asarray(Image.fromarray(light).resize(self.far.shape[::-1], Image.Resampling.BILINEAR))
         return np.take(self.papers, (self.far + self.near * fine).astype(np.uint8), axis=0)
 
-    def light_at(self, x, used):
-        """Rows of places x (n, 3) [m] that occur in ``used``, and the fractions (2, n) of sun and sky light there."""
+    def light_at(self, x, used, radius=0.0):
+        """Rows of places x (n, 3) [m] that occur in ``used``, and the fractions (2, n) of sun and sky light there.
+        ``radius`` [m] of spheres larger than particles, whose own surface is no shadow on their centre."""
         light = np.zeros((2, len(x)), np.float32)
         light[0, used.ravel()] = 1.0
         rows = np.flatnonzero(light[0])
-        light[:, rows] = [lamp.light_at(x[rows], 2.5 * self.radius) for lamp in self.lamps]
+        light[:, rows] = [lamp.light_at(x[rows], 2.5 * max(radius, self.radius)) for lamp in self.lamps]
         return rows, light
 
     def shade_colours(self, colours, ahead, normals, light):

@@ -7,6 +7,7 @@ plane y = 0, z up.
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,7 +17,7 @@ import numpy as np
 from PIL import Image
 from pydantic import Field, InstanceOf
 
-from ..engine import Scene, Snapshot, embed
+from ..engine import SCALARS, Scene, Snapshot, embed
 from ..input.labels import constants_of, mix_in_words
 from ..units import (
     Count,
@@ -33,7 +34,8 @@ from ..units import (
     validated,
     writing,
 )
-from .body import PICTURE_CELL, surface_of
+from .beads import Beads
+from .body import PICTURE_CELL, grains_of, surface_of
 from .overlay import FAINT, GLASS, INK, MOULD, Overlay, with_film_speed
 from .painter import Camera, Mesh, Painter
 from .view_volume import dimensions, lifted_mould_faces, view_volume, wall_lines
@@ -41,14 +43,18 @@ from .view_volume import dimensions, lifted_mould_faces, view_volume, wall_lines
 DRAWN_RADIUS = 0.62  # of a drawn sphere over l0
 CONCRETE, FLOWING, RIGID = np.array([(0.68, 0.675, 0.66), (0.93, 0.50, 0.16), (0.45, 0.53, 0.64)])
 MIXES = np.array([(0.68, 0.675, 0.66), (0.30, 0.50, 0.72), (0.86, 0.55, 0.25), (0.42, 0.62, 0.40)])  # of mixes in turn
+GRAIN_VIEWS = "concrete", "distance"  # that show grains as bodies of their own
+GRAINS = np.array([(0.80, 0.40, 0.18), (0.22, 0.44, 0.66), (0.36, 0.56, 0.30)])  # of sizes in turn, the smallest first
+CLEAR = 2.0  # mortar over the largest grain, behind which the light of grains has fallen by a factor of e
 VIEW_VALUES = {  # values of a view, and the label of its colour bar
     "speed": (lambda s: s.speed, "speed [m/s]"),
     "pressure": (lambda s: 1e-3 * s.p, "pressure [kPa]"),
     "shear-rate": (lambda s: s.shear_rate, "shear rate [1/s]"),
+    "distance": (None, "way of grains [m]"),
 }
 # fields that a view reads
 VIEW_FIELDS = {"speed": ["u"], "pressure": ["p"], "shear-rate": ["shear_rate"], "yielded": ["yielded"]}
-View = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix"]
+View = Literal["concrete", "speed", "pressure", "shear-rate", "yielded", "mix", "distance"]
 Pixels, Limits, Rate = (
     Annotated[Count, Field(ge=16, le=8192)],
     array("", (2,), kind=tuple),
@@ -99,18 +105,21 @@ class Renderer:
     width, height : int, optional
         Size of a picture [pixels].
     view : str, optional
-        What is shown: 'concrete', 'speed', 'pressure', 'shear-rate', 'yielded' or 'mix'.
+        What is shown: 'concrete', 'speed', 'pressure', 'shear-rate', 'yielded' or 'mix'; of grains, which 'concrete'
+        shows in the mortar by their size, 'distance', how far they have come.
     limits : tuple of float, length 2, optional
         Ends of the colour bar in its unit, by default from the scene.
     beside : sequence of Scene, optional
         Scenes shown beside it, with the same camera and range.
     beads : bool, optional
         Show the particles and not the smooth surface of the body, as always of a scene in the plane.
+    cut : bool, optional
+        Cut the mortar around grains open in the middle of its width, and show it translucent no more.
 
     Raises
     ------
     SceneError
-        For an unknown view.
+        For an unknown view, or one of grains where there are none.
 
     Examples
     --------
@@ -132,19 +141,23 @@ class Renderer:
         limits: Limits | None = None,
         beside: Sequence[InstanceOf[Scene]] = (),
         beads: Flag = False,
+        cut: Flag = False,
     ):
-        self.scene, self.view = scene, view
+        self.scene, self.view, self.cut = scene, view, cut
+        there = scene.grains or not (cut or view == "distance")
+        require(there, "cut, view = distance: the scene has no grains; must be left out")
         self.beads = beads or (scene.dimension == 2 and not scene.axisymmetric)
         self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
         floor = view_volume(scene)[2]
         lows, highs, _ = zip(*(view_volume(other) for other in (scene, *beside)), strict=True)
         self.low, self.high = np.min(lows, axis=0), np.max(highs, axis=0)
+        self.middle = 0.5 * (self.low[1] + self.high[1])
         corners = np.stack(np.meshgrid(*zip(self.low, self.high, strict=True)), -1).reshape(-1, 3)
         steps = [digit * 10.0**power for power in range(-6, 4) for digit in (1, 2, 5)]
         self.tick = min(steps, key=lambda t: abs(np.log(np.ptp(corners) / 14 / t)))  # about 14 on the longest side
         tilt = np.radians(15.0 if scene.dimension == 3 or scene.axisymmetric else 0.0)
         self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
-        relief = 1.0 if view == "concrete" else 0.7
+        relief = 1.0 if view in GRAIN_VIEWS else 0.7
         self.painter = Painter(self.camera, corners, DRAWN_RADIUS * scene.spacing, floor, self.tick, relief)
 
     @staticmethod
@@ -154,6 +167,7 @@ class Renderer:
         moved += [] if scene.velocity is None else [np.linalg.norm(scene.velocity, axis=1).max()]
         heaviest = max(m.density for m in scene.materials)
         highest = {"speed": max([0.5 * np.sqrt(2.0 * head), *moved]), "pressure": 1e-3 * heaviest * head}
+        highest["distance"] = np.max(np.subtract(*view_volume(scene)[1::-1]))
         top = float(highest.get(view, 10.0)) or 1.0
         round_ones = np.array((1, 1.5, 2, 3, 4, 5, 6, 8, 10)) * 10.0 ** np.floor(np.log10(top))
         return 0.0, float(round_ones[round_ones > 0.97 * top][0])
@@ -171,7 +185,7 @@ class Renderer:
         ndarray, shape (n, 3)
             Red, green and blue, 0 to 1.
         """
-        if self.view == "concrete":  # beads beside each other differ a little
+        if self.view in GRAIN_VIEWS:  # beads beside each other differ a little
             bright = 0.94 + 0.12 * np.modf(0.618034 * np.arange(len(snapshot.x)))[0]
             return CONCRETE * (bright if self.beads else np.ones(len(bright)))[:, None]
         if self.view == "yielded":
@@ -197,15 +211,28 @@ class Renderer:
         ndarray of uint8, shape (height, width, 3)
             Picture.
         """
+        grains, clear = [], 1e-9
+        if self.view in GRAIN_VIEWS and snapshot.grain.any():
+            x, radii, kinds, way = grains_of(self.scene, snapshot)
+            x, clear = embed(x), clear if self.cut else 2.0 * CLEAR * radii.max()
+            rows = np.flatnonzero(x[:, 1] >= (self.middle if self.cut else -np.inf))
+            colours = GRAINS[kinds % len(GRAINS)] if self.view == "concrete" else viridis(way / self.limits[1])
+            grains = [Beads(x[rows], colours[rows], radii[rows])]
         if self.beads:
-            from .beads import Beads
-
             snapshot = self.scene.unfold(snapshot)
-            body = Beads(embed(snapshot.x), self.colours(snapshot), DRAWN_RADIUS * snapshot.spacing)
+            radii = DRAWN_RADIUS * snapshot.spacing * ~(bool(grains) & (snapshot.grain > 0))
+            body = Beads(embed(snapshot.x), self.colours(snapshot), radii)
         else:
-            snapshot, *mesh = surface_of(self.scene, snapshot, PICTURE_CELL, VIEW_FIELDS.get(self.view, ()))
-            body = Mesh(snapshot.x, self.colours(snapshot), *mesh)
-        pixels, depth = self.painter.draw(body)
+            if self.cut:  # where the surface of the rest lies before the plane, it is moved onto it
+                kept = snapshot.x[:, 1] > self.middle - 2.0 * snapshot.spacing
+                snapshot = replace(snapshot, **{name: getattr(snapshot, name)[kept] for name in ("x", "u", *SCALARS)})
+            snapshot, normals, triangles = surface_of(
+                self.scene, snapshot, PICTURE_CELL, VIEW_FIELDS.get(self.view, ())
+            )
+            front = self.cut & (snapshot.x[:, 1] < self.middle)
+            snapshot.x[front, 1], normals[front] = self.middle, (0.0, -1.0, 0.0)
+            body = Mesh(snapshot.x, self.colours(snapshot), normals, triangles)
+        pixels, depth = self.painter.draw(body, *grains, clear=clear)
         image, measures = Image.fromarray(pixels), measures or {}
         over = Overlay(image, depth, self.camera)
         for face in (*lifted_mould_faces(self.scene, snapshot.time), *self.scene.vessel):
@@ -238,6 +265,9 @@ class Renderer:
         keys = []
         if self.view == "yielded":
             keys = [("flowing", FLOWING), ("below the yield stress", RIGID)]
+        elif self.view == "concrete" and self.scene.grains:
+            sizes = np.sort(self.scene.grains.diameters)
+            keys = zip([f"grains, {1e3 * size:g} mm" for size in sizes], cycle(GRAINS), strict=False)
         elif self.view == "mix":
             mixes = [", ".join(list(constants_of(m.facts()).values())[:2]) for m in self.scene.materials]
             keys = zip(mixes, cycle(MIXES), strict=False)

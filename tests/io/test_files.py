@@ -24,6 +24,7 @@ from taichi_mps.io.history import COLUMNS, History, read_history
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder, clear_pictures, next_free
 from taichi_mps.io.vtkhdf import Trajectory
+from taichi_mps.report.drawings import film_of_grains
 from taichi_mps.viz import film
 from taichi_mps.viz.body import smooth_surface
 from tests.support.recorded import Falling, recorded
@@ -101,6 +102,21 @@ def test_trajectory_is_temporal_vtkhdf_polydata(run):
         for name, values in known.items():
             np.testing.assert_allclose(root[name], values, err_msg=name)
         np.testing.assert_allclose(root["Points"][3 * n :], run.sim.snapshot().x, atol=1e-6)
+
+
+def test_a_replay_and_a_report_have_the_grains_of_the_run(tmp_path):
+    scene = catalogue.build("slump", spacing=0.02, until=1.0)
+    stones = mps.Grains(diameter=[(0.08, 0.25), (0.1, 0.75)], volume_fraction=0.2, friction=0.2, seed=3)
+    sim, trajectory = Falling(replace(scene, grains=stones)), Trajectory(tmp_path / "run.h5")
+    now = replace(sim.snapshot(), grain=sim.scene.grain_places[0])
+    sim.snapshot = lambda: now
+    trajectory.create(sim, "slump", 0.01)
+    trajectory.append(now)
+    (output,) = trajectory.replay()
+    np.testing.assert_array_equal(output.scene.grain_places[0], output.snapshot().grain)
+    shown = film_of_grains(output.scene, [output.snapshot()], np.zeros(3), np.full(3, 1e-4))
+    assert (shown["sizes"], len(shown["radii"])) == ([80.0, 100.0], len(sim.scene.grain_places[1]))
+    assert shown["free"] == [1.0, 1.0, 1.0]
 
 
 @pytest.mark.parametrize("model", ["full", "axisymmetric"])

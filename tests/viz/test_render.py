@@ -16,6 +16,7 @@ from taichi_mps.input import catalogue
 from taichi_mps.io import vtu as export
 from taichi_mps.viz import painter, render
 from taichi_mps.viz.beads import Beads
+from taichi_mps.viz.body import grains_of
 from taichi_mps.viz.painter import Camera, Mesh, Painter
 
 SIZE = {"width": 320, "height": 180}
@@ -247,7 +248,7 @@ def test_a_scene_in_the_plane_has_no_surface_and_shows_particles(tmp_path):
 def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, monkeypatch):
     replay, options = (
         [Frame(body, snapshot(body))],
-        SimpleNamespace(view="concrete", beads=False),
+        SimpleNamespace(view="concrete", beads=False, cut=False),
     )
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(mps.SceneError, match=r"film: needs imageio-ffmpeg: pip install 'taichi-mps\[film\]'"):
@@ -263,7 +264,7 @@ def test_pictures_that_cannot_be_made_are_refused_before_any_is(body, tmp_path, 
 
 def test_a_film_tells_its_mean_speed_where_steps_are_longer_than_the_interval(body, tmp_path, monkeypatch):
     """Three pictures of 0.09 s at ten a second: 0.45 of the speed, whatever interval was asked for."""
-    told, options = [], SimpleNamespace(view="concrete", beads=True)
+    told, options = [], SimpleNamespace(view="concrete", beads=True, cut=False)
     monkeypatch.setattr(render, "with_film_speed", lambda picture, every, fps: told.append(every * fps) or picture)
     replay = [Frame(body, replace(snapshot(body), time=time)) for time in (0.0, 0.03, 0.09)]
     assert show.redraw([iter(replay)], tmp_path, "", options)["pictures"] == 3
@@ -283,3 +284,51 @@ def test_a_surface_has_the_camera_the_range_and_the_colours_of_the_particles(bod
     fields = ("x", "u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix", "grain")
     nothing = replace(state, **{name: getattr(state, name)[:0] for name in fields})
     assert smooth.draw(nothing).shape == (180, 320, 3)  # before the first layer of an inlet
+
+
+# ---- grains ------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def stones():
+    """A block, periodic across: grains before its middle plane, beyond it but reaching through, and over its period."""
+    return mps.Scene(
+        name="block",
+        material=mps.Bingham(),
+        spacing=0.01,
+        fluid=mps.fill(mps.Box((-0.2, -0.1, 0.0), (0.2, 0.1, 0.2)), 0.01),
+        domain=((-0.5, -0.1, -0.1), (0.5, 0.1, 0.5)),
+        periodic=(False, True, False),
+        walls=(mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),),
+        grains=mps.Grains(diameter=0.06, centres=[(-0.1, -0.05, 0.1), (0.1, 0.01, 0.1), (0.0, 0.1, 0.1)]),
+    )
+
+
+def moved(scene, by=(0.0, 0.0, 0.0)):
+    """Snapshot of the scene with its grains, all moved [m] and put back into the period."""
+    x = scene.fluid + by
+    x[:, 1] = (x[:, 1] + 0.1) % 0.2 - 0.1
+    return replace(snapshot(scene), x=x, grain=scene.grain_places[0])
+
+
+def test_grains_are_where_and_as_large_as_their_particles_and_no_period_counts_as_way(stones):
+    x, radii, kinds, way = grains_of(stones, moved(stones, (0.03, 0.07, 0.04)))
+    off = x - stones.grain_places[1] - (0.03, 0.07, 0.04)
+    np.testing.assert_allclose(off - (0.0, 0.2, 0.0) * np.round(off / 0.2), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        radii, 0.01 * (123.0 * 0.75 / np.pi) ** (1 / 3)
+    )  # 123 points of a lattice in a ball of 3
+    np.testing.assert_allclose(way + kinds, 0.05, atol=1e-12)
+
+
+def test_grains_are_seen_in_the_mortar_or_beyond_the_plane_that_cuts_it_open(stones):
+    centres = stones.grain_places[1]
+    for cut, known in ((False, [True, True, True]), (True, [False, True, False])):
+        renderer = render.Renderer(stones, cut=cut, **SIZE)
+        columns, rows = renderer.camera.project(centres)[:, :2].astype(int).T
+        red, _, blue = renderer.draw(moved(stones)).astype(int)[rows, columns].T
+        assert (red - blue > 20).tolist() == known, red - blue
+    ways = render.Renderer(stones, cut=True, view="distance", limits=(0.0, 0.2), **SIZE)
+    column, row = ways.camera.project(centres + (0.1, 0.0, 0.0))[1, :2].astype(int)
+    seen, half = ways.draw(moved(stones, (0.1, 0.0, 0.0)))[row, column], render.viridis([0.5])[0]
+    np.testing.assert_allclose(seen / seen.max(), half / half.max(), atol=0.05)
+    with pytest.raises(mps.SceneError, match="the scene has no grains; must be left out"):
+        render.Renderer(replace(stones, grains=None), view="distance")
