@@ -22,19 +22,24 @@ TOLD = "[...document.querySelectorAll('dd, output')].map((each) => each.textCont
 
 
 @pytest.fixture(scope="module")
-def show():
-    """Opens a page in a tab of its own, with no error in it and no request for anything else."""
+def browser():
     with chromium() as browser:
-        found = []
+        yield browser
 
-        def show(address="", page=explore.PAGE, width=1280):
-            found.append(opened(browser, page.as_uri() + address, (page.as_uri(), "data:"), width))
-            found[-1][0].evaluate("ready")
-            found[-1][0].wait_for_function("element('over').childElementCount > 0")
-            return found[-1][0]
 
-        yield show
-        assert [wrong for _, wrong in found if wrong] == []
+@pytest.fixture(scope="module")
+def show(browser):
+    """Opens a page in a tab of its own, with no error in it and no request for anything else."""
+    found = []
+
+    def show(address="", page=explore.PAGE, width=1280):
+        found.append(opened(browser, page.as_uri() + address, (page.as_uri(), "data:"), width))
+        found[-1][0].evaluate("ready")
+        found[-1][0].wait_for_function("element('over').childElementCount > 0")
+        return found[-1][0]
+
+    yield show
+    assert [wrong for _, wrong in found if wrong] == []
 
 
 def test_the_page_is_made_of_the_table_and_the_scripts():
@@ -85,18 +90,17 @@ PULLS = {  # what a finger pulls on an emulated phone, how far [pixels], and wha
 
 @needs_chromium
 @pytest.mark.parametrize("what", PULLS)
-def test_a_finger_pulls_the_yield_stress_turns_the_cone_and_scrolls_the_page(what):
+def test_a_finger_pulls_the_yield_stress_turns_the_cone_and_scrolls_the_page(what, browser):
     across, up, then = PULLS[what]
-    with chromium() as browser:
-        tab = browser.new_context(viewport={"width": 390, "height": 600}, has_touch=True, is_mobile=True).new_page()
-        tab.goto(f"{explore.PAGE.as_uri()}#yield=300")
-        tab.evaluate("ready")
-        hand, box = tab.context.new_cdp_session(tab), tab.locator(what).bounding_box()
-        x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
-        for kind, k in [("Start", 0), *(("Move", k) for k in range(1, 11)), ("End", None)]:
-            at = [] if k is None else [{"x": x + 0.1 * k * across, "y": y + 0.1 * k * up}]
-            hand.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": at})
-        tab.wait_for_function(then)
+    tab = browser.new_context(viewport={"width": 390, "height": 600}, has_touch=True, is_mobile=True).new_page()
+    tab.goto(f"{explore.PAGE.as_uri()}#yield=300")
+    tab.evaluate("ready")
+    hand, box = tab.context.new_cdp_session(tab), tab.locator(what).bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    for kind, k in [("Start", 0), *(("Move", k) for k in range(1, 11)), ("End", None)]:
+        at = [] if k is None else [{"x": x + 0.1 * k * across, "y": y + 0.1 * k * up}]
+        hand.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": at})
+    tab.wait_for_function(then)
 
 
 @needs_chromium

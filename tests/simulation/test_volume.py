@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.input import catalogue
 from tests.support.inside import in_order
 from validation.vortices import taylor_green_scene
 
@@ -23,16 +22,6 @@ def test_packing_counts_volume_whatever_the_disorder():
     packing = sim.scheme.fluid.gradient.packing.to_numpy()[: len(scene.fluid)]
     assert moved > 3.0 * l0 and packing.std() > 0.01  # the lattice is gone
     assert packing.mean() == pytest.approx(1.0, abs=0.015)
-
-
-@pytest.mark.long
-def test_a_mini_cone_keeps_its_volume():
-    """At 2 mm, where the cake is three particles thick, the volume is within 1.5 % throughout, as
-    docs/scenes/mini_cone.md says."""
-    sim = mps.Simulation(catalogue.build("mini_cone", spacing=0.002, model="quarter"))
-    assert sim.run() == "rest"
-    assert sim.measures()["slump_m"] > 0.8 * 0.0572
-    assert 0.0 < sim.report.volume_error_max < 0.015
 
 
 @pytest.mark.slow

@@ -83,13 +83,3 @@ def test_a_kernel_of_ones_own_in_a_notebook_is_what_numpy_gives_and_may_be_chang
     G = sim.scheme.solved_rate.G.to_numpy()[: len(above)]
     exact = np.sqrt(0.5 * ((G + G.swapaxes(1, 2)) ** 2).sum((1, 2)))
     assert space["invariant"].to_numpy()[: len(above)] == pytest.approx(exact, rel=1e-4)
-
-
-@pytest.mark.long
-def test_the_schemes_agree_on_where_the_heap_ends():
-    space, shown = run(BOOKS[2])
-    fronts = {name: points[-1][1] for name, points in space["fronts"].items()}
-    assert abs(fronts["implicit"] - fronts["semi-implicit"]) < space["l0"]
-    assert min(fronts.values()) > 1.1 * space["width"]
-    assert space["sims"]["semi-implicit"].steps > 4 * space["sims"]["implicit"].steps
-    assert [item.shape for item in shown[-2:]] == [(540, 960, 3)] * 2
