@@ -98,8 +98,10 @@ def planned(name, argv):
     for key in (key for key in keywords if is_tuple(parameters.model_fields[key])):
         read_back(key, scene.parameters[key], parameters.model_fields[key])
     scene = replace(scene, until=options.until or scene.until, grains=grains or scene.grains)
-    there = scene.grains or not (options.cut or options.view == "distance")
-    require(there, "cut, view = distance: the scene has no grains; must be left out")
+    if options.cut or options.view == "distance":
+        from ..viz.render import require_grains
+
+        require_grains(scene, options.view, options.cut)
     return arguments, options, Problem(scene, numerics(**given(arguments, numerics)))
 
 

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import shutil
+import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -355,6 +356,10 @@ class Trajectory:
                     values.shape != ((n, 3) if name == "velocity" else (n,)) for name, values in data.items()
                 ):
                     raise ValueError(f"the output at {time:g} s is incomplete")
+                if data["grain"].any() and not scene.grains:
+                    warnings.warn(
+                        f"{self.path}: of before 0.4.0, does not tell its grains: shown as mortar", stacklevel=2
+                    )
                 x, sizes = points[:, axes].astype(float), data["size"] / scene.spacing
                 plausible = (sizes == 0.0) | ((sizes > 0.01) & (sizes < 100.0))  # a ring moved far outward is thin
                 fits = sizes.any() and np.all(plausible) and np.all(np.isin(data["mix"], range(len(scene.materials))))

@@ -11,7 +11,7 @@ import numpy as np
 from ..engine import Snapshot, embed, frame_between, still
 from ..input.labels import in_words, title, unit_of_measure
 from ..units import SceneError
-from ..viz.body import SECTORS, grains_of, profile, smooth_surface
+from ..viz.body import GRAINS, SECTORS, grains_of, profile, smooth_surface
 from ..viz.view_volume import dimensions, view_volume, wall_lines, with_mirror_images
 from . import inputs
 from .sentences import is_scene_measure
@@ -222,13 +222,14 @@ def packed_film(shapes, times, measured) -> dict:
 
 
 def film_of_grains(scene, states, low, step) -> dict:
-    """Grains: ``sizes`` [mm], and of each its ``radii`` [m] and the row of its size, ``kinds``; ``free``, 1 of an axis
-    along which its way counts; and ``centres`` in each picture as base64 of deflated bytes, in 16 bits, low byte first:
-    codes of coordinates as in ``film_data``, less those of the picture before."""
+    """Grains: ``sizes`` [mm] and their ``colours``; of each its ``radii`` [m] and the row of its size, ``kinds``;
+    ``free``, 1 of an axis along which its way counts; and ``centres`` in each picture as base64 of deflated bytes, in
+    16 bits, low byte first: codes of coordinates as in ``film_data``, less those of the picture before."""
     shown = [grains_of(scene, state) for state in states]
     codes = np.round((np.array([embed(each[0]) for each in shown]) - low) / step).astype(np.int32)
     return {
         "sizes": rounded(1e3 * np.sort(scene.grains.diameters)),
+        "colours": GRAINS.tolist(),
         "radii": rounded(shown[0][1]),
         "kinds": shown[0][2].tolist(),
         "free": rounded(embed(1.0 - np.array([scene.periodic]))[0]),

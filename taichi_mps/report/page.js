@@ -1,7 +1,6 @@
 "use strict";
 const data = JSON.parse(element("data").textContent), film = data.film, canvas = element("view"), over = element("over");
 const MODES = { concrete: 0, distance: 0, speed: 1, flowing: 2 }, HOLD = 1.5; // [s] that the end of the film stays
-const STONES = [[0.8, 0.4, 0.18], [0.22, 0.44, 0.66], [0.36, 0.56, 0.3]]; // of sizes of grains in turn
 const state = { output: 0, playing: false, viewer: null, meshes: [], grains: [] };
 
 // ---- grains -------------------------------------------------------------------------------------------------------
@@ -22,9 +21,9 @@ function ramp(part) {
 
 /* Grains of a picture on the graphics card, in the colours that are chosen. */
 function grains(output) {
-  const made = state.grains[output], { kinds, radii } = film.grains, { viewer } = state, by = element("colour").value;
+  const made = state.grains[output], { kinds, radii, colours } = film.grains, { viewer } = state, by = element("colour").value;
   if (made.by !== by) {
-    const tone = by === "distance" ? made.way.map((way) => ramp(way / state.farthest)) : kinds.map((kind) => STONES[kind % STONES.length]);
+    const tone = by === "distance" ? made.way.map((way) => ramp(way / state.farthest)) : kinds.map((kind) => colours[kind % colours.length]);
     made.card = { at: viewer.buffer(made.at), tone: viewer.buffer(new Float32Array(tone.flat())), radius: viewer.buffer(new Float32Array(radii)), count: radii.length };
     made.by = by;
   }
@@ -85,7 +84,8 @@ async function begin() {
   element("colour").onchange = () => { element("key").className = element("colour").value; draw(); };
   if (film.grains) {
     element("mortar").onchange = draw;
-    const name = film.grains.sizes.map((size, k) => `<i style="background:rgb(${STONES[k % STONES.length].map((part) => Math.round(255 * part))})"></i> ${size} mm`);
+    const { sizes, colours } = film.grains;
+    const name = sizes.map((size, k) => `<i style="background:rgb(${colours[k % colours.length].map((part) => Math.round(255 * part))})"></i> ${size} mm`);
     element("sizes").innerHTML = name.join(" ");
     element("farthest").textContent = `${(100 * state.farthest).toPrecision(2)} cm`;
   } else document.querySelectorAll(".of-grains").forEach((each) => each.remove());

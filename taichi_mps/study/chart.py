@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..engine import Cone
 from ..forecast.rest_shapes import spread_at_rest
 from ..input import catalogue
 from ..input.labels import in_words, title, unit_of_measure
@@ -35,7 +36,6 @@ FORMULAS = {  # column of the reference: authors, and the range of slumps [mm] i
     "s_schowalter_mm": ("static column, Murata 1984, Christensen", (0.0, 300.0)),
 }
 ELEMENTS = "finite elements, 50 Pa s", "finite elements without inertia"
-MOULD = 5.498e-3  # volume of the cone [m3]
 GREY = {"color": "#777f88", "lw": 1.3}  # of formulas
 
 
@@ -114,7 +114,7 @@ def slump_chart(out: Picture, study: Place | None = None) -> Path:
         valid = (formulas[name] >= low) & (formulas[name] <= high)
         left.semilogx(tau, np.where(valid, 0.1 * formulas[name], np.nan), ls=style, label=who, **GREY)
     soft = np.geomspace(yields[0], 200.0)
-    flow = [100.0 * spread_at_rest(MOULD, DENSITY, float(tau)) for tau in soft]
+    flow = [100.0 * spread_at_rest(Cone(0.1, 0.05, 0.3).volume, DENSITY, float(tau)) for tau in soft]
     right.semilogx(soft, flow, label="thin layer at rest, Roussel and Coussot 2005", **GREY)
     final = reference("A_fe_inertial_slump_summary.csv")
     final = final[(final["model"] == "A") & (final["eta_Pa_s"] == 50.0)]

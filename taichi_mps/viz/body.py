@@ -12,6 +12,9 @@ DENSITY_CELL = 0.5  # side of the cells in which the density of rings is compute
 REACH = 4  # cells within which a ring counts, a normal distribution whose standard deviation is half of its size
 TAUBIN, SMOOTHING_ITERATIONS = (0.5, -0.52), 12  # smoothing that keeps the volume (Taubin, 1995), and its repetitions
 SECTORS = 72  # of a solid of revolution
+GRAINS = np.array(
+    [(0.80, 0.40, 0.18), (0.22, 0.44, 0.66), (0.36, 0.56, 0.30)]
+)  # colours of sizes in turn, the smallest first
 SURFACE_CELL, MESH_SMOOTHING = 0.3, 15  # side of the cells of a surface over l0; smoothing iterations of its mesh
 PICTURE_CELL = 0.6  # cells for pictures, over l0: a fifth of the time, as smooth
 LEVEL, PICTURE_LEVEL = 0.6, 0.5  # density of the level set over that of spheres; for pictures, half a spacing outside

@@ -35,7 +35,7 @@ from ..units import (
     writing,
 )
 from .beads import Beads
-from .body import PICTURE_CELL, grains_of, surface_of
+from .body import GRAINS, PICTURE_CELL, grains_of, surface_of
 from .overlay import FAINT, GLASS, INK, MOULD, Overlay, with_film_speed
 from .painter import Camera, Mesh, Painter
 from .view_volume import dimensions, lifted_mould_faces, view_volume, wall_lines
@@ -44,7 +44,6 @@ DRAWN_RADIUS = 0.62  # of a drawn sphere over l0
 CONCRETE, FLOWING, RIGID = np.array([(0.68, 0.675, 0.66), (0.93, 0.50, 0.16), (0.45, 0.53, 0.64)])
 MIXES = np.array([(0.68, 0.675, 0.66), (0.30, 0.50, 0.72), (0.86, 0.55, 0.25), (0.42, 0.62, 0.40)])  # of mixes in turn
 GRAIN_VIEWS = "concrete", "distance"  # that show grains as bodies of their own
-GRAINS = np.array([(0.80, 0.40, 0.18), (0.22, 0.44, 0.66), (0.36, 0.56, 0.30)])  # of sizes in turn, the smallest first
 CLEAR = 2.0  # mortar over the largest grain, behind which the light of grains has fallen by a factor of e
 VIEW_VALUES = {  # values of a view, and the label of its colour bar
     "speed": (lambda s: s.speed, "speed [m/s]"),
@@ -93,6 +92,12 @@ def viridis(t):
     t = np.asarray(t, float)
     colours = np.stack([np.interp(t, np.linspace(0, 1, 9), VIRIDIS[:, k] / 255.0) for k in range(3)], -1)
     return np.where(np.isnan(t)[..., None], 0.5, colours)
+
+
+def require_grains(scene, view: str, cut: bool) -> None:
+    """Refuse what is shown of grains where there are none."""
+    there = scene.grains or not (cut or view == "distance")
+    require(there, "cut, view = distance: the scene has no grains; must be left out")
 
 
 class Renderer:
@@ -144,8 +149,7 @@ class Renderer:
         cut: Flag = False,
     ):
         self.scene, self.view, self.cut = scene, view, cut
-        there = scene.grains or not (cut or view == "distance")
-        require(there, "cut, view = distance: the scene has no grains; must be left out")
+        require_grains(scene, view, cut)
         self.beads = beads or (scene.dimension == 2 and not scene.axisymmetric)
         self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
         floor = view_volume(scene)[2]
@@ -212,7 +216,7 @@ class Renderer:
             Picture.
         """
         grains, clear = [], 1e-9
-        if self.view in GRAIN_VIEWS and snapshot.grain.any():
+        if self.view in GRAIN_VIEWS and self.scene.grains and snapshot.grain.any():
             x, radii, kinds, way = grains_of(self.scene, snapshot)
             x, clear = embed(x), clear if self.cut else 2.0 * CLEAR * radii.max()
             rows = np.flatnonzero(x[:, 1] >= (self.middle if self.cut else -np.inf))

@@ -100,7 +100,7 @@ def test_a_finger_pulls_the_yield_stress_turns_the_cone_and_scrolls_the_page(wha
     for kind, k in [("Start", 0), *(("Move", k) for k in range(1, 11)), ("End", None)]:
         at = [] if k is None else [{"x": x + 0.1 * k * across, "y": y + 0.1 * k * up}]
         hand.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": at})
-    tab.wait_for_function(then)
+    assert tab.wait_for_function(then)
 
 
 @needs_chromium

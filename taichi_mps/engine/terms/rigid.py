@@ -12,7 +12,7 @@ A particle of a grain that sees no mortar carries neither stress nor pressure: i
 a gradient sees both sides, but all strain is that of the mortar, whose fraction along the normal is c. The mortar that
 it sees lies farther from the grain than the particle, whose stress is wanted, and there the stress is less: by the law
 of the mortar it is multiplied by what it falls around a sphere that turns, s = (r_m/r_i)^d, r_m and r_i the distances
-of the middle of that mortar and of the particle from the centre (G4); f = c/s.
+of the middle of that mortar and of the particle from the centre (G4).
 """
 
 import numpy as np
@@ -47,7 +47,7 @@ class Rigid(Term):
         self.mean, self.rate = double_field(self.count, 3), double_field(self.count, 3)  # motion that P finds
         self.radius, self.mass = ti.field(ti.f64, self.count), ti.field(ti.f64, self.count)  # [m, kg]
         self.extra = ti.field(ti.f64, self.count)  # moment of inertia beyond that of its particles as points [kg m2]
-        self.mortar_fraction = ti.field(real(), self.capacity)  # f of each particle [-]
+        self.mortar_fraction = ti.field(real(), self.capacity)  # c of each particle [-]
         self.stress_ratio = ti.field(real(), self.capacity)  # s of each particle [-]
         self.masked = ti.field(ti.i32, self.capacity)  # 1 of a particle of a grain that sees no mortar
         fields = {"centre": self.centre, "velocity": self.velocity, "spin": self.spin, "turn": self.rotation}
@@ -212,7 +212,7 @@ class Rigid(Term):
                 # of the mortar that i sees
                 centre = middle / ti.max(MIN_MORTAR_FRACTION, fraction) * (1.0 if own >= 0 else -1.0)
                 self.stress_ratio[i] = self.fall(core, i, centre)
-                self.mortar_fraction[i] = ti.max(lowest, ti.min(1.0, fraction)) / self.stress_ratio[i]
+                self.mortar_fraction[i] = ti.max(lowest, ti.min(1.0, fraction))
         for i in range(self.particles.count[None]):
             if self.masked[i] == 1:
                 self.gradient.B[i] *= 0.0

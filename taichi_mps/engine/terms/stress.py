@@ -82,15 +82,15 @@ class Stress(Term):
         if ti.static(self.law == "yield-stress"):
             mu = self.constants.mu_r[m]
         elif ti.static(self.law == "bi-viscosity"):
-            rate = self.rate_of_mortar(i, rate)
+            rate /= self.mortar_fraction(i)
             mu = bi_viscosity(rate, self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m])
         if ti.static(self.law != "yield-stress"):
-            mu /= self.mortar_fraction(i)
+            mu *= self.stress_ratio(i) / self.mortar_fraction(i)
         return mu
 
     @ti.func
     def mortar_fraction(self, i):
-        """f of particle i, the fraction of what its gradient sees that strains over ``stress_ratio`` [-] (G4)."""
+        """Fraction of what the gradient of particle i sees that strains: beside a grain that of the mortar [-] (G4)."""
         fraction = ti.cast(1.0, float)
         if ti.static(self.particles.has_grains):
             fraction = self.rigid.mortar_fraction[i]
@@ -103,11 +103,6 @@ class Stress(Term):
         if ti.static(self.particles.has_grains):
             ratio = self.rigid.stress_ratio[i]
         return ratio
-
-    @ti.func
-    def rate_of_mortar(self, i, rate):
-        """Shear rate [1/s] of the mortar that particle i sees, by the ``rate`` of its gradient."""
-        return rate / (self.mortar_fraction(i) * self.stress_ratio(i))
 
     @ti.func
     def viscous(self, i, G):
@@ -140,8 +135,9 @@ class Stress(Term):
     @ti.func
     def yield_law(self, i, trial):
         """Stress [Pa], plastic rate and its size [1/s] of particle i for a trial stress [Pa]."""
-        # beside a grain the law is that of the mortar, with f mu_r (G4)
-        ratio, mu = self.stress_ratio(i), self.mortar_fraction(i) * self.mu[i]
+        # beside a grain the law is that of the mortar for the trial over the ratio, with c_m mu_r/s (G4)
+        ratio = self.stress_ratio(i)
+        mu = self.mortar_fraction(i) * self.mu[i] / ratio
         given = trial / ratio
         stress, rate, variation = given, ti.cast(0.0, float), ti.cast(0.0, float)
         if ti.static(self.mixes > 1):
@@ -197,7 +193,7 @@ class Stress(Term):
     @ti.func
     def own_rate(self, i):
         """Shear rate [1/s] of the mix of particle i: next to another mix that of the gradient is of both."""
-        rate = self.rate_of_mortar(i, self.particles.shear_rate[i])
+        rate = self.particles.shear_rate[i] / self.mortar_fraction(i)
         if ti.static(self.mixes > 1 and self.law == "yield-stress"):
             rate = self.fluidity[i] * magnitude(self.particles.stress[i])
         return rate
@@ -229,8 +225,7 @@ class Stress(Term):
                         self.fluidity[i] = carries * flow / ti.max(magnitude(stress), 1e-12)
                 self.yielded[i] = flow > 0.0
             elif ti.static(self.law == "bi-viscosity"):
-                own = self.rate_of_mortar(i, rate)
-                self.yielded[i] = own >= 2.0 * self.constants.pi_c[self.constants.mix(i)]
+                self.yielded[i] = rate / self.mortar_fraction(i) >= 2.0 * self.constants.pi_c[self.constants.mix(i)]
                 self.mu[i] = self.viscosity(i, rate)
                 if ti.static(self.mixes > 1):
                     self.fluidity[i] = 1.0 / self.mu[i]
