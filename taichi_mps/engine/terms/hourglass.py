@@ -78,9 +78,9 @@ class HourglassResistance(Term):
                 h = BOND_DISSIPATION * self.stress.interface.viscosity(i, mu) + inertial_viscosity
             if ti.static(self.particles.has_grains):  # noqa: SIM102
                 if not self.particles.in_grain(i):  # only mortar is strained
-                    h = inertial_viscosity + (h - inertial_viscosity) * self.stress.stress_ratio(
-                        i
-                    ) / self.stress.mortar_fraction(i)
+                    h = inertial_viscosity + (
+                        (h - inertial_viscosity) * self.stress.stress_ratio(i) / self.stress.mortar_fraction(i)
+                    )
             viscosity = ti.max(h, SETTLING * self.pressure.p[i] * dt)
             self.inertial_viscosity[i], self.viscosity[i] = inertial_viscosity, viscosity
             self.h[i] = 2.0 * self.particles.volume(i) * viscosity / self.gradient.full_weight(i)
