@@ -40,7 +40,7 @@ export class Calibrate {
         h("h1", {}, "Which mix is it? Give what was measured, one test or more."),
         first.map(control),
         h("details", {}, h("summary", {}, "density, rheometer, errors of the measurements"), others.map(control)),
-        h("label.tick", {for: "finer"}, this.check, "check by one finer run, some 20 s"),
+        h("label.tick", {for: "finer"}, this.check, "check by one finer run, some 20 s; above 55 cm of slump flow some minutes"),
         this.wrong, this.button, drop),
       h("div.view", {}, this.answer, this.figure, this.reasons));
     this.stage = new Stage(this.canvas);
