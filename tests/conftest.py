@@ -27,8 +27,10 @@ def taichi():
     backend.init(arch="cpu", precision="f64", threads=1)
 
 
-# files of 20 s and more, the longest first: at the end of a run no worker waits for another's long file
+# files of 20 s and more, of the slow part, too, the longest first: at the end of a run no worker waits for another's long file
 LONGEST = (
+    "app/test_app.py",
+    "terms/test_grains.py",
     "cli/test_cli.py",
     "schemes/test_semi_implicit.py",
     "simulation/test_forces_in_time.py",

@@ -331,7 +331,7 @@ def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
     assert set(mps.Bingham.from_fields) <= set(mps.Bingham.model_fields)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_t500_of_a_case_is_that_of_all_steps():
     """A case measures the slump flow at some steps only; T500, interpolated in time, is that of all within 1 %."""
     soft = {"model": "axisymmetric", "spacing": 0.02, "yield_value": 30.0, "plastic_viscosity": 50.0, "until": 5.0}
