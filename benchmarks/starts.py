@@ -65,9 +65,9 @@ def measure(particles: int) -> tuple:
 # ---- bytes ----------------------------------------------------------------------------------------------------------
 # part; what it goes through; how often; fields of a pass that are read or written in order; those picked from others
 LOOPS = [
-    ("product", "particle", 1, "x motion", ""),
-    ("product", "particle", 1, "motion difference_sums B mu h position x flux", ""),
-    ("product", "pair", 1, "column b pair_drag", "motion"),
+    ("product", "particle", 1, "x velocity", ""),
+    ("product", "particle", 1, "velocity difference_sums B mu h position x flux", ""),
+    ("product", "pair", 1, "column b pair_drag", "velocity"),
     ("product", "particle", 1, "flux flux_sums position x r inertia h", ""),
     ("product", "pair", 1, "column b", "flux"),
     ("vectors", "particle", 13, "x", ""),  # p q; p x x q r r; r z; z p p
