@@ -24,9 +24,7 @@ import numpy as np
 import points
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.engine.runtime.stages import ONE_THREAD_BELOW_ROWS
-from taichi_mps.engine.simulation.memory import memory_of, pairs_of
+from taichi_mps.engine import ONE_THREAD_BELOW_ROWS, Problem, memory_of, pairs_of
 from taichi_mps.forecast.cost import MEASURED, cost_of
 from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
