@@ -186,15 +186,6 @@ def test_where_nothing_is_left_to_compute_it_is_told_and_all_files_stay(ended, c
     assert json.loads(out) == folder.read_summary() and contents(folder.path) == before
 
 
-def test_an_earlier_run_is_read_without_the_options_that_are_gone(ended):
-    folder, finish = ended
-    finish("time")
-    state = mps.checkpoint.read(folder.checkpoint)
-    state.header["settings"]["plots"] = True
-    state.write(folder.checkpoint)
-    assert mps.main(["resume", str(folder.path), "--quiet"]) == 0
-
-
 def test_numerics_are_refused_where_only_the_summary_is_missing(ended, capsys):
     folder, finish = ended
     finish("time")
