@@ -1,8 +1,8 @@
 """Slump and spread against step, outer iterations and spacing: what a result does not depend on, shown.
 
-    python benchmarks/convergence.py cost                    # CPU-hours of what has no result yet
-    python benchmarks/convergence.py run [--model axisymmetric] [--spacing 0.02] [--mix 300,50] [--step 1]
-    python benchmarks/convergence.py draw                    # results/convergence.md, docs/figures/step.png
+    python benchmarks/convergence.py run                                # every point without a result, CPU-hours
+    python benchmarks/convergence.py run "axisymmetric 0.02 300,50 1"   # one of them: model, spacing, mix, step
+    python benchmarks/convergence.py draw                               # results/convergence.md, docs/figures/step.png
 
 Each model, spacing, mix and step is one process, which compiles once: steps as the scene takes them and bounded to 1/2,
 1/4 and 1/8 of its longest and of its Courant number, by 3 to 24 outer iterations; at fine spacings more iterations go
@@ -10,8 +10,6 @@ with shorter steps. Rings of 10 mm also with as many iterations as a tolerance t
 with inertia, at 0.3, 1 and 2 s; what comes to rest before stays as it is.
 """
 
-import argparse
-import json
 import time
 from itertools import product
 
@@ -24,10 +22,7 @@ MODELS, SPACINGS, MIXES = ("axisymmetric", "quarter"), (0.02, 0.01, 0.005, 0.002
 STEPS, ITERATIONS, TIMES = (1.0, 0.5, 0.25, 0.125), (3, 6, 12, 24), (0.3, 1.0, 2.0)
 COARSE, TOGETHER = 0.01, {1.0: 6, 0.5: 12, 0.25: 24}  # spacings of all pairs; iterations of each step at finer ones
 TOLERANCES, MAX_ITERATIONS = (2e-3, 2e-4), 200
-PARTICLES = {  # of each spacing
-    "axisymmetric": {0.02: 57, 0.01: 225, 0.005: 900, 0.0025: 3600},
-    "quarter": {0.02: 175, 0.01: 1376, 0.005: 11000},
-}
+TOO_MANY_PARTICLES = "quarter", 0.0025  # model and spacing that is not run
 # at 10 mm five placings, with the usual and with the finest step: of a run's particles up to ASIDE of the spacing
 PLACED, PLACINGS, PLACED_ITERATIONS, ASIDE = "placed", 5, {1.0: 6, 0.125: 24}, 0.05
 LEAST, TARGETS = 6, {"slump": 1.0, "spread": 3.0}  # iterations from which on runs at 10 mm shall be so close [mm]
@@ -52,8 +47,6 @@ TOLD = (
     f"within {TARGETS['spread']:g} mm of each other; bold where they are missed."
 )
 PLACED_HEAD = ["mix", "model, l0", "step", "iterations", "slump, five placings [mm]", "spread, five placings [mm]"]
-# of a run: CPU-seconds of a step, and of a particle and an iteration in it; longest steps in all
-COST, USUAL_STEPS = (2e-3, 2e-6), 150
 
 
 def runs(model: str, spacing: float, mix: str, step: float, again: str = "") -> dict[str, dict]:
@@ -61,12 +54,20 @@ def runs(model: str, spacing: float, mix: str, step: float, again: str = "") -> 
     if again:
         n = PLACED_ITERATIONS.get(step) if spacing == COARSE else None
         return {f"{n}, placing {k}": {"passes": n} for k in range(1, PLACINGS) if n}
-    if spacing not in PARTICLES[model] or (spacing < COARSE and step not in TOGETHER):
+    if (model, spacing) == TOO_MANY_PARTICLES or (spacing < COARSE and step not in TOGETHER):
         return {}
     found = {str(n): {"passes": n} for n in (ITERATIONS if spacing >= COARSE else [TOGETHER[step]])}
     if (model, spacing) == ("axisymmetric", COARSE):
         found |= {f"to {t:g}": {"passes": MAX_ITERATIONS, "outer_tolerance": t} for t in TOLERANCES}
     return found
+
+
+def cases() -> dict[str, dict]:
+    """Settings of each point by its name, those of PLACED last."""
+    found = [dict(zip(NAMES, item, strict=True)) for item in product(MODELS, SPACINGS, MIXES, STEPS)]
+    usual = {"{model} {spacing:g} {mix} {step:g}".format(**each): each for each in found}
+    placed = {f"{key} {PLACED}": {**each, "again": PLACED} for key, each in usual.items()}
+    return {key: each for key, each in (usual | placed).items() if runs(**each)}
 
 
 def point(**settings) -> dict:
@@ -116,13 +117,6 @@ def row(sim) -> tuple:
     measures, report = sim.measures(), sim.report
     results = measures["slump_m"], measures["spread_m"], report.strain_rate_residual, report.divergence_residual
     return (sim.time, *results, report.outer_iterations)
-
-
-def cost(settings: dict) -> float:
-    """Estimated CPU-hours of a point."""
-    count, steps = PARTICLES[settings["model"]][settings["spacing"]], USUAL_STEPS / settings["step"]
-    iterations = [min(numbers["passes"], 2 * max(ITERATIONS)) for numbers in runs(**settings).values()]
-    return sum(steps * (COST[0] + COST[1] * count * n) for n in iterations) / 3600.0
 
 
 def order(values, ratio: float = 2.0) -> str:
@@ -254,29 +248,5 @@ def draw() -> None:
     figure.savefig(points.FIGURES / "step.png", dpi=110)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("action", choices=["cost", "run", "draw", "point"])
-    parser.add_argument("settings", nargs="?")
-    for name, choices in zip(NAMES, (MODELS, SPACINGS, MIXES, STEPS), strict=True):
-        parser.add_argument(f"--{name}", nargs="+", type=type(choices[0]), choices=choices, default=choices)
-    given = parser.parse_args()
-    asked = [dict(zip(NAMES, item, strict=True)) for item in product(*(getattr(given, n) for n in NAMES))]
-    asked = {"{model} {spacing:g} {mix} {step:g}".format(**each): each for each in asked if runs(**each)}
-    again = {f"{key} {PLACED}": {**each, "again": PLACED} for key, each in asked.items()}
-    asked |= {key: each for key, each in again.items() if runs(**each)}
-    left = {key: settings for key, settings in asked.items() if key not in points.read("convergence")}
-    if given.action == "point":
-        print(json.dumps(point(**json.loads(given.settings))))
-    elif given.action == "draw":
-        draw()
-    else:
-        for key, settings in left.items():
-            print(f"{key}: about {cost(settings):.2f} CPU-hours")
-        print(f"in all about {sum(map(cost, left.values())):.2f} CPU-hours", flush=True)
-        if given.action == "run":
-            points.run(__file__, "convergence", left)
-
-
 if __name__ == "__main__":
-    main()
+    points.main(__file__, "convergence", cases, point, draw, __doc__)

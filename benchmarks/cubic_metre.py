@@ -24,9 +24,7 @@ import numpy as np
 import points
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.engine.runtime.stages import ONE_THREAD_BELOW_ROWS
-from taichi_mps.engine.simulation.memory import memory_of, pairs_of
+from taichi_mps.engine import ONE_THREAD_BELOW_ROWS, Problem, memory_of, pairs_of
 from taichi_mps.forecast.cost import MEASURED, cost_of
 from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
@@ -56,11 +54,11 @@ FIELDS = "time_s", "steps", "particles", "cpu_s"
 FEWEST = 100  # particles from which on the cost of a step is read; before, it is the splash of the first layers
 
 
-def compute(name: str, until: float | None, threads: int) -> None:
+def compute(name: str, until: float | None) -> None:
     """Run a case, from its checkpoint if there is one, to its end or to ``until`` [s]; write its run folder and its
     entry in RESULTS."""
     folder = RunFolder(RUNS / name)
-    mps.init(threads=threads)
+    mps.init(threads=1)
     problem = problem_of(CASES[name])
     if folder.checkpoint.is_file():
         state, _ = checkpoint.read_good(folder.checkpoint)
@@ -70,7 +68,7 @@ def compute(name: str, until: float | None, threads: int) -> None:
         folder.create(overwrite=True)
     every = EVERY * (1 + (problem.scene.until > OUTPUTS * EVERY))
     costs = Costs(folder.path / "costs.csv", sim)
-    recorder = Recorder(folder, sim, every, "wall", {"every": every, "threads": threads})
+    recorder = Recorder(folder, sim, every, "wall", {"every": every, "threads": 1})
     sim.every(every, lambda _: costs.note(sim))
     for number in (signal.SIGINT, signal.SIGTERM):  # ends after a step, with a checkpoint
         signal.signal(number, lambda *_: sim.interrupt())
@@ -80,11 +78,7 @@ def compute(name: str, until: float | None, threads: int) -> None:
     except mps.DivergedError as failure:
         stopped_by, error = failure.stopped_by, str(failure)
     whole = stopped_by == "rest" or sim.time >= problem.scene.until - 1e-6
-    ends = sim.measures()
-    level = 0.5 * (ends["near_m"] + ends["far_m"])
-    pressures = pressure_on_the_side(sim.snapshot(), CASES[name], problem.scene.material.density, level)
     found = measured(recorder.finish(stopped_by, error), costs.rows, CASES[name], whole)
-    found |= {"threads_of_the_last_call": threads, "pressure_on_the_side_Pa": pressures}
     write(points.load("cubic_metre") | {name: found})
     print(json.dumps({name: {key: value for key, value in found.items() if key != "by_particles"}}))
 
@@ -117,20 +111,6 @@ class Costs:
             self.rows.append([round(sim.time, 9), sim.steps, sim.fluid_particles, round(spent, 4)])
             lines = [",".join(map(str, row)) for row in (FIELDS, *self.rows)]
             self.path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def pressure_on_the_side(snapshot, case: dict, density: float, level: float) -> list[list[float]]:
-    """Pressure on the long sides in five layers: middle [m], mean pressure [Pa] within a spacing of them, and
-    hydrostatic pressure below the ``level`` [m]."""
-    found, depth = [], 0.5 * WALL["width"] - np.abs(snapshot.x[:, 1])
-    here = depth < snapshot.spacing
-    edges = np.linspace(0.0, case["height"], 6)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
-        inside = here & (snapshot.x[:, 2] >= low) & (snapshot.x[:, 2] < min(high, level - snapshot.spacing))
-        if inside.sum() > 20:
-            middle = float(snapshot.x[inside, 2].mean())
-            found.append([middle, float(snapshot.p[inside].mean()), density * 9.81 * (level - middle)])
-    return found
 
 
 def measured(summary: dict, rows, case: dict, whole: bool) -> dict:
@@ -252,18 +232,16 @@ def main() -> None:
     parser.add_argument("what", choices=("run", "draw", "compute"))
     parser.add_argument("names", nargs="*", choices=(*CASES, []))
     parser.add_argument("--until", type=float, help="time at which to stop for now [s]")
-    parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     if arguments.what == "draw":
         draw()
     elif arguments.what == "compute":
-        compute(arguments.names[0], arguments.until, arguments.threads)
+        compute(arguments.names[0], arguments.until)
     else:
         options = [] if arguments.until is None else ["--until", str(arguments.until)]
-        options += ["--threads", str(arguments.threads)]
         for name in arguments.names:
             command = [sys.executable, str(Path(__file__)), "compute", name, *options]
-            subprocess.run(command, check=True, env=os.environ | {"OMP_NUM_THREADS": str(arguments.threads)})
+            subprocess.run(command, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
 
 
 if __name__ == "__main__":

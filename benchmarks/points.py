@@ -52,12 +52,17 @@ def read(name: str) -> dict[str, dict]:
     return load(name).get("points", {})
 
 
-def run(script: str, name: str, points: dict[str, dict], again=lambda result: False) -> None:
-    """Run every point (key: its settings) that has no result in results/<name>.json yet, or one that is to be made
-    ``again``, each in a process of its own, and add it there. The script is called as ``script point <settings>`` and
-    prints the result as its last line."""
+def child(script: str, *words) -> dict:
+    """Run a script in a process of its own, and read the JSON that it prints as its last line."""
+    call = [sys.executable, script, *map(str, words)]
+    return json.loads(subprocess.run(call, stdout=subprocess.PIPE, text=True, check=True).stdout.splitlines()[-1])
+
+
+def run(script: str, name: str, points: dict[str, dict]) -> None:
+    """Run every point (key: its settings) that has no result in results/<name>.json yet, each in a process of its own,
+    and add it there. The script is called as ``script point <settings>`` and prints the result as its last line."""
     for key, settings in points.items():
-        if key in read(name) and not again(read(name)[key]):
+        if key in read(name):
             continue
         call = [sys.executable, script, "point", json.dumps(settings)]
         done = subprocess.run(call, capture_output=True, text=True, cwd=ROOT)

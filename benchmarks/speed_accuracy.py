@@ -1,7 +1,6 @@
 """Error against CPU seconds: scheme x spacing x time step, on five flows with a known answer.
 
     python benchmarks/speed_accuracy.py run [flow ...]   # every point without a result, about 25 CPU-minutes in all
-    python benchmarks/speed_accuracy.py run --budget 900 # points that spent less than this without an end, again
     python benchmarks/speed_accuracy.py draw             # charts into docs/, tables into results/
 
 Every point runs in a process of its own, one thread: five times, particles moved aside by up to 1e-6 spacings at
@@ -114,13 +113,13 @@ def numerics_of(scheme, step, scene):
     return mps.Implicit(courant_number=0.2 * step, max_time_step=min(1.0, step) * Problem(scene).time_step.longest)
 
 
-def point(flow, scheme, size, step, budget=None) -> dict:
+def point(flow, scheme, size, step) -> dict:
     """Run one point: its errors if it came to its end, its CPU seconds, and what ended it."""
     warnings.simplefilter("ignore")  # a knee stress above the yield stress is what is measured here
     mps.init(threads=1)
-    runs = [one_run(flow, scheme, size, step, budget or FLOWS[flow][2], 0)]
+    runs = [one_run(flow, scheme, size, step, 0)]
     while runs[-1]["error"] is not None and len(runs) < RUNS:
-        runs.append(one_run(flow, scheme, size, step, budget or FLOWS[flow][2], len(runs)))
+        runs.append(one_run(flow, scheme, size, step, len(runs)))
     if len(runs) < RUNS:
         return runs[-1]
     errors = [run["error"] for run in runs]
@@ -128,8 +127,9 @@ def point(flow, scheme, size, step, budget=None) -> dict:
     return runs[0] | {"error": float(np.mean(errors)), "errors": errors, "cpu_seconds": cost}
 
 
-def one_run(flow, scheme, size, step, budget, seed) -> dict:
+def one_run(flow, scheme, size, step, seed) -> dict:
     """Run a point once."""
+    budget = FLOWS[flow][2]
     scene, reading, error = SCENES[flow](size)
     scene = replace(scene, fluid=scene.fluid + points.aside(scene.fluid.shape, scene.spacing, seed))
     if scheme != BINGHAM and scene.material.yield_value:
@@ -271,26 +271,20 @@ def draw() -> None:
     (points.RESULTS / "speed_accuracy.md").write_text("\n\n".join([about, *tables, made]) + "\n")
 
 
-def run(flows: list[str], budget: float | None) -> None:
-    """Run every point of these flows without a result and, with a larger budget, those that did not finish."""
-
-    def stopped_early(known):
-        return bool(budget) and known["fate"] == "interrupted" and known["budget"] < budget
-
+def run(flows: list[str]) -> None:
+    """Run every point of these flows without a result."""
     for flow in flows:
         mine = {key: settings for key, settings in all_points().items() if settings["flow"] == flow}
-        more = {"budget": budget} if budget else {}
-        points.run(__file__, f"speed_accuracy_{flow}", {k: v | more for k, v in mine.items()}, stopped_early)
+        points.run(__file__, f"speed_accuracy_{flow}", mine)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "draw", "point"))
     parser.add_argument("names", nargs="*", help=f"flows, by default all: {', '.join(FLOWS)}")
-    parser.add_argument("--budget", type=float, help="CPU seconds that a point may take")
     arguments = parser.parse_args()
     if arguments.what == "run":
-        run(arguments.names or list(FLOWS), arguments.budget)
+        run(arguments.names or list(FLOWS))
     elif arguments.what == "draw":
         draw()
     else:

@@ -11,8 +11,6 @@ than the processor `--threads` means nothing.
 
 import argparse
 import json
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -86,9 +84,7 @@ def main() -> None:
     for size in arguments.sizes:
         found = {}
         for threads in arguments.threads * arguments.repeats:
-            command = [sys.executable, __file__, "--arch", arguments.arch, "--one", str(size), str(threads)]
-            printed = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
-            row = json.loads(printed.splitlines()[-1])
+            row = points.child(__file__, "--arch", arguments.arch, "--one", size, threads)
             found[threads] = min(found.get(threads, row), row, key=lambda row: row["mean"])
         rows += found.values()
     print(tables(rows))

@@ -9,8 +9,6 @@ powers of two. With its own loops Taichi hands each loop of a solve to its threa
 import argparse
 import json
 import os
-import subprocess
-import sys
 
 import points
 from step import measure
@@ -41,9 +39,7 @@ def main() -> None:
     for threads in sorted({cores, *(2**k for k in range(cores.bit_length()))}):
         best = {way: 1e9 for way in WAYS}
         for way in WAYS * arguments.repeats:
-            command = [sys.executable, __file__, "--particles", str(arguments.particles), "--one", way, str(threads)]
-            printed = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
-            found = json.loads(printed.splitlines()[-1])
+            found = points.child(__file__, "--particles", arguments.particles, "--one", way, threads)
             best[way] = min(best[way], 1e6 * found["mean"] / found["particles"])
         rows.append((threads, *best.values()))
     head = ["threads", *(f"{way}, {what}" for way in WAYS for what in ("us a particle and step", "times one thread"))]

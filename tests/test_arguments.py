@@ -27,11 +27,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem import measures
 from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.engine.runtime import backend
 from taichi_mps.engine.simulation import simulation
-from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint, history, run_folder, vtkhdf, vtu
 from taichi_mps.study import calibrate, chart, emulator, measured_mixes, require, sweep
 from taichi_mps.units import in_unit
@@ -147,12 +144,12 @@ class Bench:
 
     def init(self, **keywords):
         """``init`` without what it starts, so that the simulation stays."""
-        before = backend._session
+        before = mps.backend._session
         try:
-            with patch.object(backend.ti, "init"):
+            with patch.object(mps.backend.ti, "init"):
                 return mps.init(**keywords)
         finally:
-            backend._session = before
+            mps.backend._session = before
 
     def ran(self, until):
         self.sim._schedules.clear()  # of what ``every`` and ``each_step`` were given
@@ -323,7 +320,7 @@ class Bench:
             "Simulation.each_step": (self.sim.each_step, {"callback": lambda sim: None}),
             "Simulation.load": (self.sim.load, {"state": self.state}),
             "Simulation.restart": (self.sim.restart, {"problem": self.problem, "state": self.state}),
-            "Snapshot": (measures.Snapshot, snapshot),
+            "Snapshot": (mps.measure.Snapshot, snapshot),
             "measure.still": (m.still, {"x": x, "spacing": 0.1}),
             "measure.embed": (m.embed, {"x": x}),
             "measure.reflected": (m.reflected, {"vectors": x, "normal": (1.0, 0.0), "point": (0.0, 0.0)}),
@@ -348,8 +345,8 @@ class Bench:
             "channel_at_rest": (mps.rest_shapes.channel_at_rest, channel),
             "radius_of_flow": (mps.rest_shapes.radius_of_flow, flow | {"time": 5.0, "gravity": 9.81}),
             "root": (mps.rest_shapes.root, {"function": lambda x: x - 0.1, "low": 0.0}),
-            "catalogue.build": (partial(catalogue.build, "film"), {"spacing": 0.02}),
-            "catalogue.load": (catalogue.load, {"name": "film"}),
+            "catalogue.build": (partial(mps.catalogue.build, "film"), {"spacing": 0.02}),
+            "catalogue.load": (mps.catalogue.load, {"name": "film"}),
             "checkpoint.save": (checkpoint.save, {"sim": self.sim, "path": "checkpoint.h5"}),
             "checkpoint.restore": (checkpoint.restore, {"path": self.folder / "checkpoint.h5", "scene": self.scene}),
             "RunFolder": (run_folder.RunFolder, {"path": "run"}),

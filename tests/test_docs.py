@@ -7,16 +7,14 @@ import shlex
 import shutil
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
-from pathlib import Path
 
 import numpy as np
 import pytest
 import tomlkit
 
 import taichi_mps as mps
-from tests.support.child import child
+from tests.support.child import ROOT, child
 
-ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 ENGINE = PACKAGE / "engine"  # whose files and functions are named from here
 DOCS = ROOT / "docs"

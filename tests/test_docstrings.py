@@ -3,19 +3,17 @@ run."""
 
 import doctest
 import re
-import subprocess
-import sys
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 from inspect import Parameter, getmembers, isclass, isfunction, ismethod, ismodule, signature
-from pathlib import Path
 from pkgutil import resolve_name
 
 import pytest
 
 from taichi_mps.units import Checked
+from tests.support.child import ROOT, child
 
-API = Path(__file__).resolve().parents[1] / "docs" / "api"
+API = ROOT / "docs" / "api"
 PAGES = [page.read_text(encoding="utf-8") for page in sorted(API.glob("*.md")) if page.stem != "functions"]
 SHOWN = re.findall(r"^::: taichi_mps\.(\S+)$", "".join(PAGES), re.M)
 COMPILING = {"engine.simulation.simulation", "io.checkpoint", "viz.render"}  # modules whose examples compile kernels
@@ -103,5 +101,5 @@ def test_examples_run(module):
 def test_examples_that_compile_kernels_run(module):
     """Each example runs in its own process, since it starts Taichi."""
     script = f"import doctest, taichi_mps.{module} as m; print(doctest.testmod(m, optionflags=doctest.ELLIPSIS))"
-    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=600)
+    result = child("-c", script)
     assert re.search(r"failed=0, attempted=[1-9]", result.stdout), result.stdout + result.stderr

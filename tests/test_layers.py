@@ -10,16 +10,14 @@ import re
 import sys
 from graphlib import TopologicalSorter
 from importlib import import_module, reload
-from pathlib import Path
 
 import pytest
 import tomlkit
 from packaging.requirements import Requirement
 
 from taichi_mps import engine
-from tests.support.child import child
+from tests.support.child import ROOT, child
 
-ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "taichi_mps"
 SETTINGS = tomlkit.parse((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LAYERS = SETTINGS["tool"]["taichi-mps"]["layers"]

@@ -14,8 +14,6 @@ from hypothesis import strategies as st
 import taichi_mps as mps
 from taichi_mps import spelling
 from taichi_mps.cli import study
-from taichi_mps.engine.runtime import backend
-from taichi_mps.input import catalogue
 from taichi_mps.units import Count, Length, SceneError, Viscosity, in_unit
 from taichi_mps.viz import render
 
@@ -42,14 +40,14 @@ def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count =
         (lambda: sample(), ["spacing is missing [m]"]),
         (lambda: sample(spacing=0.01, layers=2.5), ["layers = 2.5", "valid integer"]),
         (lambda: sample(spacing=0.01, spacings=1.0), ["unknown key 'spacings'", "did you mean 'spacing'?"]),
-        (lambda: catalogue.build("slump", spacing=0.5), ["spacing = 0.5 m", "at most 0.2 m"]),
-        (lambda: catalogue.build("slumb"), ["unknown scene 'slumb'", "did you mean 'slump'?"]),
-        (lambda: catalogue.slump_cone(mps.Bingham(), density=2000.0), ["density = 2000.0", "already given"]),
-        (lambda: backend.init(arch="tpu"), ["arch = tpu", "must be 'cpu', 'cuda' or 'vulkan'"]),
-        (lambda: backend.init(precision="f16"), ["precision = f16", "must be 'f32' or 'f64'"]),
-        (lambda: backend.init(threads=0), ["threads = 0", "greater than or equal to 1"]),
-        (lambda: backend.init(threads=2.5), ["threads = 2.5", "must be a valid integer"]),
-        (lambda: backend.init(arch=["cpu"]), ["arch = ['cpu']", "must be 'cpu', 'cuda' or 'vulkan'"]),
+        (lambda: mps.catalogue.build("slump", spacing=0.5), ["spacing = 0.5 m", "at most 0.2 m"]),
+        (lambda: mps.catalogue.build("slumb"), ["unknown scene 'slumb'", "did you mean 'slump'?"]),
+        (lambda: mps.slump_cone(mps.Bingham(), density=2000.0), ["density = 2000.0", "already given"]),
+        (lambda: mps.backend.init(arch="tpu"), ["arch = tpu", "must be 'cpu', 'cuda' or 'vulkan'"]),
+        (lambda: mps.backend.init(precision="f16"), ["precision = f16", "must be 'f32' or 'f64'"]),
+        (lambda: mps.backend.init(threads=0), ["threads = 0", "greater than or equal to 1"]),
+        (lambda: mps.backend.init(threads=2.5), ["threads = 2.5", "must be a valid integer"]),
+        (lambda: mps.backend.init(arch=["cpu"]), ["arch = ['cpu']", "must be 'cpu', 'cuda' or 'vulkan'"]),
         (
             lambda: mps.rest_shapes.spread_at_rest(0.005, -1.0, 100.0),
             ["density = -1.0 kg/m3", "greater than or equal to 0.001 kg/m3"],
@@ -60,7 +58,7 @@ def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count =
         (lambda: mps.Plane((0, 0), (0, 1), friction="a"), ["friction = a", "must be an instance of Friction"]),
         (lambda: mps.Cylinder((0, 0), 1.0, inside="outside"), ["inside = outside", "must be a valid boolean"]),
         (lambda: mps.Cavity((0, 0), (1, 1), (), -1.0), ["spacing = -1.0 m", "greater than 0 m"]),
-        (lambda: backend.init(arch="vulkan", precision="f64"), ["precision = f64", "must be f32 on arch = vulkan"]),
+        (lambda: mps.backend.init(arch="vulkan", precision="f64"), ["precision = f64", "must be f32 on arch = vulkan"]),
         (lambda: mps.Box((1, 1), (0, 0)), ["high = (0, 0) m of a box: must be above low = (1, 1) m"]),
         (
             lambda: mps.Box((0, 0), np.ma.masked_equal((1, -1), -1)),
@@ -86,7 +84,7 @@ def sample(spacing: Length, plastic_viscosity: Viscosity = 50.0, layers: Count =
         (lambda: sample(spacing="1,000"), ["spacing = 1,000 m: is 1.000 or 1000; must be written without a comma"]),
         (lambda: sample(spacing="-12,345 mm"), ["spacing = -12,345 mm: is 12.345 or 12345; must be written without"]),
         (
-            lambda: catalogue.build("film", yield_value=0.0, critical_strain_rate="rational"),
+            lambda: mps.catalogue.build("film", yield_value=0.0, critical_strain_rate="rational"),
             ["yield_value = 0 Pa: a fluid without yield stress has no critical strain rate"],
         ),
         (lambda: mps.rest_shapes.spread_at_rest(5.5e-3, 2300.0, 0.0), ["yield_value = 0.0 Pa: must be greater"]),

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..units import SceneError
+from ..units import SceneError, require
 
 MEASURED = Path(__file__).parent / "accuracy.csv"
 MAX_ACCURACY = 0.1  # largest accuracy to ask for [m]; a larger number is in millimetres
@@ -239,8 +239,10 @@ def choose(
     """Choose the cheapest model and spacing whose slump and reach are expected within ``accuracy`` [m] of the
     reference, and whose volume is kept within 1 %; a model or a spacing [m] that is given stays. With a ``lift_speed``
     [m/s] of the mould those with its error. SceneError if no measured one is that accurate."""
-    if not accuracy <= MAX_ACCURACY:
-        raise SceneError(f"accuracy = {accuracy:g} m: must be at most {MAX_ACCURACY:g} m (0.005 or 5mm for 5 mm)")
+    require(
+        accuracy <= MAX_ACCURACY,
+        f"accuracy = {accuracy:g} m: must be at most {MAX_ACCURACY:g} m (0.005 or 5mm for 5 mm)",
+    )
     fitting = [
         c
         for c in choices(mix, height, lift_speed)

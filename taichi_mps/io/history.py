@@ -1,7 +1,6 @@
 """Writing and reading of the history of a run, history.csv: one row a step."""
 
 import csv
-import io
 import os
 from pathlib import Path
 
@@ -67,14 +66,11 @@ class History:
         self.columns = tuple(dict.fromkeys(columns))
         partial = self.path.with_suffix(".partial")  # a run killed meanwhile keeps its old file
         self.file = open(partial, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed in close)
-        self.file.write(f"{line(self.columns)}\n")
-        for row in rows:
-            self._write(row)
+        self.rows = csv.DictWriter(self.file, self.columns, restval="nan", lineterminator="\n")
+        self.rows.writeheader()
+        self.rows.writerows(rows)
         self.file.flush()
         os.replace(partial, self.path)
-
-    def _write(self, row: dict) -> None:
-        self.file.write(f"{line(row.get(key, 'nan') for key in self.columns)}\n")
 
     def add(self, row: dict) -> None:
         """Write a row and flush it.
@@ -87,7 +83,7 @@ class History:
         if set(row) - set(self.columns):
             self.close()
             self._rewrite((*self.columns, *row), read_rows(self.path))
-        self._write({key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()})
+        self.rows.writerow({key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()})
         self.file.flush()
 
     def close(self) -> None:
@@ -125,24 +121,6 @@ def history_row(sim, measures: dict) -> dict:
     masses = densities * sim.scene.volumes_at(s.x)
     totals = {"max_speed_m_s": float(s.speed.max()), "kinetic_energy_J": 0.5 * float((masses * s.speed**2).sum())}
     return measures | dict.fromkeys(keys, 0.0) | totals | {"unyielded_fraction": 1.0 - s.yielded.mean()}
-
-
-def line(values) -> str:
-    """Format values as a line of a table, without its end.
-
-    Parameters
-    ----------
-    values : iterable
-        Values.
-
-    Returns
-    -------
-    str
-        Line of a CSV file.
-    """
-    text = io.StringIO()
-    csv.writer(text, lineterminator="").writerow(values)
-    return text.getvalue()
 
 
 def read_rows(path) -> list[dict[str, str]]:

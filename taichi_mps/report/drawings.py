@@ -10,7 +10,7 @@ import numpy as np
 
 from ..engine import Snapshot, embed, frame_between, still
 from ..input.labels import in_words, title, unit_of_measure
-from ..units import SceneError
+from ..units import require
 from ..viz.body import GRAINS, SECTORS, grains_of, profile, smooth_surface
 from ..viz.view_volume import dimensions, view_volume, wall_lines, with_mirror_images
 from . import inputs
@@ -177,8 +177,7 @@ def film_data(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[d
     FLOWING_BIT if it flows; ``rows`` of the points that are linked, in 32 bits: the first corner less that of the link
     before, the others less the first. ``grains``: see ``film_of_grains``."""
     outputs = trajectory.times()
-    if not len(outputs):
-        raise SceneError(f"run = {trajectory.path.parent}: run.h5 holds no output yet")
+    require(len(outputs), f"run = {trajectory.path.parent}: run.h5 holds no output yet")
     (end,) = trajectory.replay(scene=scene, chosen=[len(outputs) - 1])
     last = surface_geometry(scene, end.state)
     picture = len(zlib.compress(b"".join(pack(*last, 1.0, *position_scale([last])).values())))

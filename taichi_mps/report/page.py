@@ -21,7 +21,7 @@ from ..input.labels import in_words, mix_in_words
 from ..io.history import read_history
 from ..io.run_folder import RunFolder, write_whole
 from ..io.vtkhdf import Trajectory
-from ..units import SceneError, plain
+from ..units import SceneError, plain, require
 from . import inputs, sentences
 from .drawings import drawings, film_data
 
@@ -42,8 +42,7 @@ class RunRecord:
         self.source, parameters, self.every = trajectory.origin()
         self.scene = scene or trajectory.rebuilt(scene_file)
         self.history = read_history(folder.history)
-        if len(self.history["time_s"]) == 0:
-            raise SceneError(f"run = {folder.path}: history.csv holds no row yet")
+        require(len(self.history["time_s"]), f"run = {folder.path}: history.csv holds no row yet")
         last = {key: float(values[-1]) for key, values in self.history.items()}
         self.summary = folder.read_summary() if folder.summary.is_file() else {"simulated_seconds": -1.0}
         self.ended = last["time_s"] <= self.summary["simulated_seconds"] * (1.0 + 1e-6)  # else it went on after that

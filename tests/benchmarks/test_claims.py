@@ -4,18 +4,13 @@ kernels."""
 import json
 import re
 import subprocess
-import sys
-from pathlib import Path
 
+import claims
+import points
 import pytest
 
+from tests.support.child import ROOT
 from validation import provenance, table
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "benchmarks"))
-
-import claims  # noqa: E402
-import points  # noqa: E402
 
 KNOWN = claims.claims()
 TOLD = ["README.md", *(f"docs/{name}.md" for name in ("accuracy", "limits", "models", "paper", "speed", "peers"))]

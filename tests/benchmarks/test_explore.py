@@ -3,18 +3,13 @@ the error of."""
 
 import json
 import re
-import sys
-from pathlib import Path
 
+import explore
 import numpy as np
 import pytest
 
 from tests.support.browser import chromium, needs_chromium, opened
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "benchmarks"))
-
-import explore  # noqa: E402
+from tests.support.child import ROOT
 
 KNOWN = explore.courses()
 TABLE = explore.columns([KNOWN[mix] for mix in explore.NODES])

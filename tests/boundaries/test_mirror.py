@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem import measures as measure
-from taichi_mps.engine.problem.measures import Snapshot
 from taichi_mps.viz import render, view_volume
 from tests.support.rigs import L0, Rig, cloud
 
@@ -28,7 +26,9 @@ def scene(fluid, walls, **keywords):
 def moving(x):
     rng = np.random.default_rng(5)
     scalars = rng.uniform(0.0, 1.0, (3, len(x)))
-    return Snapshot(0.3, L0, x, rng.normal(size=x.shape), *scalars[:2], scalars[2] > 0.5, scalars[2], 0.0 * x[:0])
+    return mps.measure.Snapshot(
+        0.3, L0, x, rng.normal(size=x.shape), *scalars[:2], scalars[2] > 0.5, scalars[2], 0.0 * x[:0]
+    )
 
 
 # ---- the body behind the planes -------------------------------------------------------------------------------
@@ -51,7 +51,7 @@ def test_a_quarter_unfolds_to_the_four_quarters():
 def test_a_tilted_plane_reflects_distances():
     normal = np.array([0.6, 0.8])
     s = moving(cloud((5, 5)) + 2.0)
-    whole = measure.mirrored(s, (1.0, 0.5), normal)
+    whole = mps.measure.mirrored(s, (1.0, 0.5), normal)
     n = len(s.x)
     height = (whole.x - (1.0, 0.5)) @ normal
     assert np.allclose(height[n:], -height[:n], atol=1e-12)
@@ -70,7 +70,7 @@ def test_the_cone_is_part_of_the_whole_lattice(model, parts, axes):
     whole, part = mps.slump_cone(), mps.slump_cone(model=model)
     assert parts * len(part.fluid) == len(whole.fluid)
     assert as_set(part.fluid) == as_set(whole.fluid[np.all(whole.fluid[:, axes] > 0.0, axis=1)])
-    assert as_set(part.unfold(measure.still(part.fluid, 0.01)).x) == as_set(whole.fluid)
+    assert as_set(part.unfold(mps.measure.still(part.fluid, 0.01)).x) == as_set(whole.fluid)
     assert np.prod(np.subtract(*part.domain)) == pytest.approx(np.prod(np.subtract(*whole.domain)) / parts, rel=0.05)
 
 
@@ -155,7 +155,7 @@ def test_corners_count_every_neighbour_once(d, mirrors, tolerance):
 def cone_scenes(spacing, slip=False, **keywords):
     """A quarter of the cone, and the whole of the same lattice."""
     quarter, whole = (mps.slump_cone(model=model, spacing=spacing, **keywords) for model in ("quarter", "full"))
-    body = quarter.unfold(measure.still(quarter.fluid, spacing)).x
+    body = quarter.unfold(mps.measure.still(quarter.fluid, spacing)).x
     floors = ((replace(each.walls[0], slip=slip), *each.walls[1:]) for each in (quarter, whole))
     return [
         replace(each, fluid=fluid, walls=walls, wall_particles=None)

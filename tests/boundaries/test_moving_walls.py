@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.input import catalogue
 from tests.support.rigs import L0, Probe, Rig, cloud
 
 UP = (0.0, 0.0, 1.0)
@@ -119,7 +118,7 @@ def test_a_unilateral_wall_pushes_a_block_and_does_not_pull_it(sign, unilateral)
 
 # ---- the slump cone lifted --------------------------------------------------------------------------------------
 def lifted(**keywords):
-    return catalogue.build("slump", **({"spacing": 0.02, "lift_speed": 0.15, "yield_value": 500.0} | keywords))
+    return mps.catalogue.build("slump", **({"spacing": 0.02, "lift_speed": 0.15, "yield_value": 500.0} | keywords))
 
 
 def through(scene, s):

@@ -8,7 +8,6 @@ import taichi_mps as mps
 from taichi_mps.cli import case_file
 from taichi_mps.cli.main import main, planned
 from taichi_mps.cli.run import keep_edited
-from taichi_mps.input import catalogue
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 
@@ -28,13 +27,13 @@ def scene(material: mps.Bingham = mps.Bingham(yield_value=40.0), spacing: Length
 @pytest.mark.parametrize(
     ("scheme", "name"),
     [
-        *(("implicit", name) for name in sorted(catalogue.names())),
+        *(("implicit", name) for name in sorted(mps.catalogue.names())),
         *(("semi-implicit", name) for name in ("dam_break", "film", "slump", "still_pool")),  # what that takes
     ],
 )
 def test_a_new_case_stands_for_the_same_scene_numerics_and_options(tmp_path, capsys, name, scheme):
     command = [name, f"--scheme={scheme}", "--tolerance=0.0012345678901234567", "--every=0.03"]
-    if "yield_value" in catalogue.load(name).parameters.model_fields and scheme == "implicit":
+    if "yield_value" in mps.catalogue.load(name).parameters.model_fields and scheme == "implicit":
         command.append("--yield-value=0.1kPa")
     _, options, problem = planned("run", command)
     path = tmp_path / "case.toml"

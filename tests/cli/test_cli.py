@@ -18,8 +18,6 @@ from rich.console import Console
 
 import taichi_mps as mps
 from taichi_mps.cli import options, run
-from taichi_mps.input import catalogue
-from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
@@ -141,7 +139,7 @@ entry()
 
 def results(folder):
     """All that a run has left behind, as bytes: its history, the state in its checkpoint, the arrays of run.h5."""
-    state = checkpoint.read(folder.checkpoint).state.items()
+    state = mps.checkpoint.read(folder.checkpoint).state.items()
     found = {name: value.tobytes() if isinstance(value, np.ndarray) else repr(value) for name, value in state}
     with h5py.File(folder.trajectory) as file:
         file["VTKHDF"].visititems(
@@ -176,7 +174,7 @@ def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
         times = read_history(folder.history)["time_s"]
         written = Trajectory(folder.trajectory).times()
         assert len(written) >= int(times[-2] / 0.05 + 1e-6) + 1, "an output of an earlier step is missing"
-        saved = checkpoint.read_good(folder.checkpoint)[0]
+        saved = mps.checkpoint.read_good(folder.checkpoint)[0]
         assert saved.header["time"] >= times[max(0, len(times) - 4)] - 1e-12, "steps were lost"
         seen = len(times) - 1
         command = ["resume", "run", "--scene", work / "blob.py", "--quiet"]
@@ -211,7 +209,8 @@ def test_a_divergence_exits_3_and_names_the_file_to_resume_from(work):
     summary = RunFolder(here / "run").read_summary()
     assert summary["stopped_by"] == "edge of the domain" and "beyond z = 1 m, its upper end" in err
     assert summary["resume_from"] == str(Path("run") / "checkpoint.h5")
-    kept = checkpoint.read(here / "run" / "checkpoint.h5")  # it escapes in a step: the state before may be kept as well
+    # it escapes in a step: the state before may be kept as well
+    kept = mps.checkpoint.read(here / "run" / "checkpoint.h5")
     assert kept.header["time"] <= summary["simulated_seconds"]
     assert np.isfinite(kept.state["x"]).all() and np.isfinite(kept.state["u"]).all()
 
@@ -386,7 +385,7 @@ def test_help_lists_every_keyword_with_unit_and_default_without_taichi(tmp_path)
     program = "import sys, taichi_mps as mps; code = mps.main(['run', 'slump', '--help']); "
     code, out, err = done(tmp_path, "-c", program + "sys.exit(code or 'taichi' in sys.modules)")
     assert code == 0, err
-    for name, field in catalogue.load("slump").parameters.model_fields.items():
+    for name, field in mps.catalogue.load("slump").parameters.model_fields.items():
         option = rf"\n  (?:--yield-stress \S+, )?--{name.replace('_', '-')} "
         told = " ".join(re.split(option, out)[1].split("\n  --")[0].split())
         assert unit_of(field) in told or options.choices(field)

@@ -11,10 +11,6 @@ from pathlib import Path
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli import main as cli
-from taichi_mps.engine.runtime import backend
-from taichi_mps.input import catalogue
-from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder, write_whole
 from taichi_mps.units import user_path
 from tests.support.child import ROOT
@@ -125,7 +121,7 @@ def test_a_path_with_a_tilde_lies_at_home_wherever_a_user_names_one(tmp_path, mo
     scene = ROOT.joinpath("scenes", "film.py").read_text(encoding="utf-8")
     (home / "own.py").write_text(scene, encoding="utf-8")
     (home / "case.toml").write_text('scene = "~/own.py"\n', encoding="utf-8")
-    assert catalogue.source("~/own.py") == str(home / "own.py")
+    assert mps.catalogue.source("~/own.py") == str(home / "own.py")
     assert mps.main(["run", "~/case.toml", "--forecast"]) == 0
     folder, *_ = recorded("~/run", 2, "time")
     for words in (["info", "~/run"], ["export", "~/run"], ["export", "~/run", "--out=~/vtu"]):
@@ -190,20 +186,11 @@ def test_where_nothing_is_left_to_compute_it_is_told_and_all_files_stay(ended, c
     assert json.loads(out) == folder.read_summary() and contents(folder.path) == before
 
 
-def test_an_earlier_run_is_read_without_the_options_that_are_gone(ended):
-    folder, finish = ended
-    finish("time")
-    state = checkpoint.read(folder.checkpoint)
-    state.header["settings"]["plots"] = True
-    state.write(folder.checkpoint)
-    assert mps.main(["resume", str(folder.path), "--quiet"]) == 0
-
-
 def test_numerics_are_refused_where_only_the_summary_is_missing(ended, capsys):
     folder, finish = ended
     finish("time")
     folder.summary.unlink()
-    keywords = checkpoint.read(folder.checkpoint)
+    keywords = mps.checkpoint.read(folder.checkpoint)
     keywords.header["parameters"]["until"] = 0.02
     keywords.write(folder.checkpoint)
     before = contents(folder.path)
@@ -237,9 +224,9 @@ def test_a_checkpoint_without_its_run_is_refused_and_nothing_written(run, tmp_pa
 def test_missing_files_of_a_run_are_told_and_its_mark_is_made_again(run, capsys, monkeypatch, gone, told):
     for name in gone:
         (run.path / name).unlink()
-    monkeypatch.setattr(backend, "init", lambda *_: None)
-    monkeypatch.setattr(checkpoint.Checkpoint, "resume", lambda *_, **__: None)
-    monkeypatch.setattr(cli, "carry_out", lambda *_, **__: 0)
+    monkeypatch.setattr(mps.backend, "init", lambda *_: None)
+    monkeypatch.setattr(mps.checkpoint.Checkpoint, "resume", lambda *_, **__: None)
+    monkeypatch.setattr("taichi_mps.cli.main.carry_out", lambda *_, **__: 0)
     assert mps.main(["resume", str(run.path)]) == 0 and run.ours
     assert capsys.readouterr().err == f"taichi-mps: run = {run.path}: {told}\n" * bool(told)
 

@@ -30,8 +30,6 @@ from taichi_mps.cli import run as console
 from taichi_mps.cli import study as commands
 from taichi_mps.engine.geometry.meshes import read_mesh
 from taichi_mps.engine.problem.numerics import NUMERICS
-from taichi_mps.engine.runtime import backend
-from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
@@ -61,7 +59,7 @@ def door(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("door"))
-        patch.setattr(backend, "init", refuse)
+        patch.setattr(mps.backend, "init", refuse)
         patch.setattr(cli, "redraw", refuse)
         patch.setattr(commands, "sweep", refuse)
         patch.setattr(commands.one_mix, "calibrate", refuse)
@@ -111,9 +109,9 @@ PLAUSIBLE = st.floats(0.005, 0.5).map(lambda v: f"{v:.3g}")
 @st.composite
 def command_lines(draw):
     """run SCENE with some of its options, in which each value may be anything."""
-    name = draw(st.sampled_from(sorted(catalogue.names())))
+    name = draw(st.sampled_from(sorted(mps.catalogue.names())))
     scheme = draw(st.sampled_from(sorted(NUMERICS)))
-    fields = {**catalogue.load(name).parameters.model_fields, **NUMERICS[scheme].model_fields}
+    fields = {**mps.catalogue.load(name).parameters.model_fields, **NUMERICS[scheme].model_fields}
     fields |= {key: field for key, field in options.Run.model_fields.items() if key not in ("out", "scheme", "profile")}
     words = ["run", name, "--scheme", scheme]
     for key in draw(st.lists(st.sampled_from(sorted(fields)), max_size=5, unique=True)):
@@ -160,7 +158,7 @@ def test_a_study_is_planned_or_refused(data):
     command, model = data.draw(st.sampled_from([("sweep", None), ("calibrate", commands.Measurements)]))
     name = data.draw(st.sampled_from(["slump", "slump", "dam_break"]))
     words = [command] + [name] * (command == "sweep")
-    fields = (model or catalogue.load(name).parameters).model_fields
+    fields = (model or mps.catalogue.load(name).parameters).model_fields
     for key in data.draw(st.lists(st.sampled_from(sorted(fields)), max_size=3, unique=True)):
         value = data.draw(st.sampled_from([":", ",", ""])).join(data.draw(RANGES))
         words.append(f"--{key.replace('_', '-')}={value}")
@@ -257,7 +255,7 @@ def test_a_resume_that_is_refused_or_not_yet_begun_leaves_a_damaged_checkpoint(r
 @pytest.mark.parametrize(("words", "every"), [([], 0.01), (["--every", "0.5"], 0.5)])
 def test_a_resumed_run_keeps_its_interval_unless_another_is_given(run, monkeypatch, words, every):
     found = []
-    monkeypatch.setattr(backend, "init", lambda *_: None)
+    monkeypatch.setattr(mps.backend, "init", lambda *_: None)
     monkeypatch.setattr(checkpoint.Checkpoint, "resume", lambda *_, **__: None)
     monkeypatch.setattr(cli, "carry_out", lambda sim, folder, options, *_, **__: found.append(options.every) or 0)
     assert mps.main(["resume", str(run.path), *words]) == 0 and found == [every]

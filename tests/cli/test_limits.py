@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import taichi_mps as mps
 from taichi_mps.cli import case_file
 from taichi_mps.engine.geometry.meshes import read_mesh
-from taichi_mps.input import catalogue
-from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.study import case, measured_mixes, tables
-from taichi_mps.units import SceneError
 
 
 def sparse(path):
@@ -31,7 +29,7 @@ BAD = {  # what stands where a file should: how it is made, what is said of it
 READERS = {
     "case": case_file.command_words,
     "list": measured_mixes.read_list,
-    "checkpoint": checkpoint.read,
+    "checkpoint": mps.checkpoint.read,
     "history": read_history,
     "results": tables.read,
     "mesh": read_mesh,
@@ -45,7 +43,7 @@ def test_a_file_without_end_is_refused_unread(tmp_path, name, bad):
     path = tmp_path / "file.stl"
     make(path)
     others = "|holds no history.csv; must be the folder of a run|results.csv: no such file"
-    with pytest.raises(SceneError, match=message + others * (bad != "too large")) as refused:
+    with pytest.raises(mps.SceneError, match=message + others * (bad != "too large")) as refused:
         READERS[name](path)
     assert str(tmp_path) in str(refused.value) and "\n" not in str(refused.value)
 
@@ -56,25 +54,27 @@ def test_a_file_of_somebody_else_is_refused_by_that(tmp_path, monkeypatch, name)
     path = tmp_path / "file.stl"
     path.write_text("text")
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.R_OK)
-    with pytest.raises(SceneError, match=r"file.stl: cannot be read \(Permission denied\)"):
+    with pytest.raises(mps.SceneError, match=r"file.stl: cannot be read \(Permission denied\)"):
         READERS[name](path)
 
 
 def test_the_digest_of_a_case_reads_no_file_without_end(tmp_path):
     sparse(tmp_path / "bars.stl")
-    with pytest.raises(SceneError, match="bars.stl: has 2e"):
+    with pytest.raises(mps.SceneError, match="bars.stl: has 2e"):
         case.case_of("wall", rebar=str(tmp_path / "bars.stl"))
 
 
 def test_a_checkpoint_holds_particles_of_its_domain():
     """A checkpoint may hold a particle beyond the edge of its domain, which ends the run, but none a domain away."""
-    scene = catalogue.build("slump", spacing=0.05)
+    scene = mps.catalogue.build("slump", spacing=0.05)
     x = np.array(scene.fluid)
     header = {"source": "slump", "parameters": {}, "scheme": "implicit", "numerics": {}}
-    header["fluid"] = checkpoint.digest(scene, checkpoint.PARTICLE_ATTRIBUTES)
+    header["fluid"] = mps.checkpoint.digest(scene, mps.checkpoint.PARTICLE_ATTRIBUTES)
     x[0] = 1.5 * np.array(scene.domain[1])
-    checkpoint.Checkpoint(header, {"x": x}).admit(scene)
+    mps.checkpoint.Checkpoint(header, {"x": x}).admit(scene)
     for far in (3.0, 1e300):
         x[0, 0] = far
-        with pytest.raises(SceneError, match=r"checkpoint: a particle lies at \[.*\] m; must be in the domain, from"):
-            checkpoint.Checkpoint(header, {"x": x}).admit(replace(scene))
+        with pytest.raises(
+            mps.SceneError, match=r"checkpoint: a particle lies at \[.*\] m; must be in the domain, from"
+        ):
+            mps.checkpoint.Checkpoint(header, {"x": x}).admit(replace(scene))

@@ -9,7 +9,6 @@ import taichi_mps as mps
 from taichi_mps.engine.boundaries.sampled import search_faces
 from taichi_mps.engine.boundaries.surfaces import FAR
 from taichi_mps.engine.geometry.concave_edges import find_concave_edges
-from taichi_mps.engine.geometry.solid import polygon_distance
 from tests.support.rigs import L0, Rig, cloud
 
 CELL, REACH = 0.5 * L0, 1.6 * L0
@@ -107,7 +106,7 @@ BAY = np.array([(-0.4, -0.35), (0.4, -0.35), (0.2, 0.0), (-0.4, 0.35)])  # 90, 6
 
 
 def sampled(corners, **keywords):
-    return mps.Solid.of(lambda x: -polygon_distance(x, corners), (-0.8,) * 2, (0.8,) * 2, CELL, **keywords)
+    return mps.Solid.of(lambda x: -mps.polygon_distance(x, corners), (-0.8,) * 2, (0.8,) * 2, CELL, **keywords)
 
 
 BALL = mps.Solid.of(BARE["ball"], (-0.6,) * 3, (0.6,) * 3, CELL)

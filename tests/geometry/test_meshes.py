@@ -10,7 +10,6 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.engine.geometry import solid
 from taichi_mps.engine.geometry.meshes import MAX_GAP, mesh_distance, read_mesh
-from taichi_mps.engine.geometry.shapes import lattice
 from taichi_mps.engine.problem.problem import Problem
 from tests.support.cube import CORNERS, box
 
@@ -104,7 +103,7 @@ def test_a_mesh_is_the_solid_that_was_meant(tmp_path, name):
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     x = low + np.random.default_rng(2).uniform(0.0, 1.0, (20_000, 3)) * size
     assert np.mean(mesh_distance(x, points, faces) < 0.0) == pytest.approx(right / np.prod(size), abs=0.012)
-    nodes = lattice(low - 0.1 * size, low + 1.1 * size, size.max() / 40.0)
+    nodes = mps.lattice(low - 0.1 * size, low + 1.1 * size, size.max() / 40.0)
     order = np.random.default_rng(3).permutation(len(nodes))
     assert np.array_equal(mesh_distance(nodes, points, faces)[order], mesh_distance(nodes[order], points, faces))
 

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.geometry import solid as solid_of_a_grid
-from taichi_mps.engine.geometry.solid import polygon_distance
 from taichi_mps.viz import render
-from tests.support.rigs import L0, RE, Probe, cloud
-from tests.support.rigs import Rig as Cloud
+from tests.support.rigs import L0, RE, Probe, Rig, cloud
 
 PIPE = mps.Cylinder((0.05, 0.0, 0.02), 0.33, axis=(1.0, 2.0, -2.0))
 WATER = mps.Newtonian(density=1000.0, viscosity=1e-3)
@@ -61,7 +58,7 @@ def test_what_a_solid_hides_is_what_lies_beyond_it(dimension, across):
     )
     x = cloud((across,) * dimension)
     x = x[bar.distance(x) > 0.05 * L0]
-    rig = Cloud(x, planes=(bar,))
+    rig = Rig(x, planes=(bar,))
     z, inside = bar.distance(rig.x), np.zeros((len(x), len(x)), bool)
     for i, row in enumerate(inside):
         middle = (z[i] * rig.x + z[:, None] * rig.x[i]) / (z[i] + z)[:, None]
@@ -114,7 +111,7 @@ def test_nothing_leaks_where_walls_meet():
     step = np.array([(1.3, -0.5), (3.0, -0.5), (3.0, 0.2), (1.3, 0.2)])
 
     def distance(x):
-        return np.minimum(-polygon_distance(x @ Q, box), polygon_distance(x @ Q, step))
+        return np.minimum(-mps.polygon_distance(x @ Q, box), mps.polygon_distance(x @ Q, step))
 
     solid = mps.Solid.of(distance, (-0.3, -1.0), (2.6, 1.5), 0.025)
     scene = tank(WATER, (solid,))
@@ -201,7 +198,7 @@ def test_thickness_is_that_of_a_bar_wherever_its_axis_lies():
 @pytest.mark.parametrize("shape", [(12, 9), (6, 5, 7)])
 def test_the_steepest_slope_is_that_of_brute_force_however_thin_the_slabs(monkeypatch, shape, nodes):
     """At a node each axis counts with the steeper of its two sides; the largest length of these over all nodes."""
-    monkeypatch.setattr(solid_of_a_grid, "NODES_PER_SLAB", nodes)
+    monkeypatch.setattr("taichi_mps.engine.geometry.solid.NODES_PER_SLAB", nodes)
     values = np.random.default_rng(3).uniform(-0.7, 0.7, shape)
     cell, steepest = 0.5, 0.0
     values *= cell

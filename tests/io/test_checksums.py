@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.measures import SCALARS
-from taichi_mps.input import catalogue
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
 from tests.support.recorded import recorded
 
-SCENE = catalogue.build("slump", spacing=0.05, until=1.0)
+SCENE = mps.catalogue.build("slump", spacing=0.05, until=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +26,9 @@ def shown(path):
     if path.name == "summary.json":
         return repr(RunFolder(path.parent).read_summary())
     states = [output.state for output in Trajectory(path).replay(scene=SCENE)]
-    arrays = [(s.time, s.spacing, s.wall_x, *(getattr(s, name) for name in ("x", "u", *SCALARS))) for s in states]
+    arrays = [
+        (s.time, s.spacing, s.wall_x, *(getattr(s, name) for name in ("x", "u", *mps.measure.SCALARS))) for s in states
+    ]
     return Trajectory(path).origin(), [np.asarray(array).astype(float).tobytes() for row in arrays for array in row]
 
 

@@ -1,8 +1,6 @@
 """Run folder, history, VTKHDF trajectory and checkpoints, with a stand-in for the simulation: no Taichi here."""
 
 import json
-import subprocess
-import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
@@ -15,9 +13,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.measures import still
 from taichi_mps.engine.simulation.frame import Frame
-from taichi_mps.input import catalogue
 from taichi_mps.io import checkpoint, vtkhdf
 from taichi_mps.io import vtu as export
 from taichi_mps.io.history import COLUMNS, History, read_history
@@ -27,12 +23,13 @@ from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.report.drawings import film_of_grains
 from taichi_mps.viz import film
 from taichi_mps.viz.body import smooth_surface
+from tests.support.child import child
 from tests.support.recorded import Falling, recorded
 
 
 @pytest.fixture
 def slump():
-    return catalogue.build("slump", spacing=0.05, until=1.0)
+    return mps.catalogue.build("slump", spacing=0.05, until=1.0)
 
 
 @pytest.fixture
@@ -105,7 +102,7 @@ def test_trajectory_is_temporal_vtkhdf_polydata(run):
 
 
 def test_a_replay_and_a_report_have_the_grains_of_the_run(tmp_path):
-    scene = catalogue.build("slump", spacing=0.02, until=1.0)
+    scene = mps.catalogue.build("slump", spacing=0.02, until=1.0)
     stones = mps.Grains(diameter=[(0.08, 0.25), (0.1, 0.75)], volume_fraction=0.2, friction=0.2, seed=3)
     sim, trajectory = Falling(replace(scene, grains=stones)), Trajectory(tmp_path / "run.h5")
     now = replace(sim.snapshot(), grain=sim.scene.grain_places[0])
@@ -122,7 +119,7 @@ def test_a_replay_and_a_report_have_the_grains_of_the_run(tmp_path):
 @pytest.mark.parametrize("model", ["full", "axisymmetric"])
 def test_a_replay_gives_snapshots_and_measures_back(tmp_path, model):
     """Of rings run.h5 keeps the section and the sizes, and replayed slump and spread are those of the revolved body."""
-    sim = Falling(catalogue.build("slump", spacing=0.02, model=model, until=1.0))
+    sim = Falling(mps.catalogue.build("slump", spacing=0.02, model=model, until=1.0))
     sizes = np.linspace(0.01 if model == "axisymmetric" else 0.02, 0.02, len(sim.scene.fluid))
     trajectory = Trajectory(tmp_path / "run.h5")
     trajectory.create(sim, "slump", 0.01)
@@ -206,8 +203,7 @@ def test_a_full_disk_is_an_error_and_the_last_checkpoint_stays(tmp_path):
     """A full disk raises an error, although HDF5 itself would end the process where it cannot write on closing a
     file."""
     (tmp_path / "checkpoint.h5").write_bytes(b"the last one")
-    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "checkpoint.h5")]
-    assert subprocess.run(command, capture_output=True, text=True, timeout=60).stdout == "OSError\n"
+    assert child("-c", FULL_DISK, tmp_path / "checkpoint.h5").stdout == "OSError\n"
     assert (tmp_path / "checkpoint.h5").read_bytes() == b"the last one"
 
 
@@ -278,28 +274,31 @@ def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
         np.testing.assert_allclose(rows[:, [0, 2]], known, atol=1e-6)
         assert not rows[:, 1].any()
     assert mesh.cells[0].type == "vertex" and len(mesh.cells[0].data) == len(plane.fluid)
-    body = still(mps.lattice((0.0, 0.0, 0.0), (0.4, 0.4, 0.4), 0.1), 0.1)
+    body = mps.measure.still(mps.lattice((0.0, 0.0, 0.0), (0.4, 0.4, 0.4), 0.1), 0.1)
     assert export.vtu([Frame(plane, body)], tmp_path / "surface", smooth=True) == 1
     mesh = meshio.read(tmp_path / "surface" / "output_00000.vtu")
     assert mesh.cells[0].type == "triangle" and set(mesh.point_data) == set(vtkhdf.point_data(body))
     with pytest.raises(mps.SceneError, match="the body is .* cells long; must be at most 1e.06"):
-        smooth_surface(still([(0.0, 0.0, 0.0), (1e30, 0.0, 0.0)], 0.1))
+        smooth_surface(mps.measure.still([(0.0, 0.0, 0.0), (1e30, 0.0, 0.0)], 0.1))
 
 
 @pytest.mark.parametrize("model", ["full", "quarter", "axisymmetric"])
 def test_the_surface_of_a_part_is_that_of_the_whole_body(model):
     """The surface of a part is closed around the volume of the paper's cone, with normals outward and the fields of the
     particles."""
-    scene = catalogue.build("slump", spacing=0.0125, model=model)
+    scene = mps.catalogue.build("slump", spacing=0.0125, model=model)
     x = scene.fluid
     part = replace(
-        still(x, scene.spacing), p=3.0 - 2.0 * x[:, -1], shear_rate=np.full(len(x), 7.0), yielded=x[:, -1] > 0.15
+        mps.measure.still(x, scene.spacing),
+        p=3.0 - 2.0 * x[:, -1],
+        shear_rate=np.full(len(x), 7.0),
+        yielded=x[:, -1] > 0.15,
     )
     s, normals, triangles = smooth_surface(scene.unfold(part))
     corners = s.x[triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     volume = np.einsum("ij,ij->", corners[:, 0], across) / 6.0
-    whole = catalogue.build("slump", spacing=0.0125)
+    whole = mps.catalogue.build("slump", spacing=0.0125)
     assert volume == pytest.approx(whole.volumes.sum(), rel=0.04)
     assert np.abs(across.sum(0)).max() < 1e-9  # closed
     assert np.einsum("ij,ij->i", normals[triangles].mean(1), across).min() > 0.0
@@ -498,7 +497,7 @@ def test_a_checkpoint_of_another_version_or_scene_is_refused(tmp_path, slump):
     path = tmp_path / "checkpoint.h5"
     checkpoint.save(Falling(slump), path)
     with pytest.raises(mps.SceneError, match="no longer makes the particles"):
-        checkpoint.restore(path, catalogue.build("slump", spacing=0.06))
+        checkpoint.restore(path, mps.catalogue.build("slump", spacing=0.06))
     path.write_bytes(path.read_bytes().replace(f"checkpoint {checkpoint.VERSION} ".encode(), b"checkpoint 6 ", 1))
     with pytest.raises(mps.SceneError, match=rf"of format 6; must be of {checkpoint.VERSION} \(version 0.2.0 also"):
         checkpoint.read(path)
@@ -523,7 +522,7 @@ def test_a_rational_rate_stays_as_it_was_when_a_run_goes_on_for_longer(tmp_path)
 )
 def test_a_checkpoint_of_another_run_is_refused(run, made, steps, told):
     keywords = {key: value for key, value in made.items() if key in ("yield_value", "until")}
-    other = Falling(catalogue.build("slump", **{"spacing": 0.05, "until": 1.0} | keywords), made.get("dt", 0.01))
+    other = Falling(mps.catalogue.build("slump", **{"spacing": 0.05, "until": 1.0} | keywords), made.get("dt", 0.01))
     other.record_output = lambda _: None
     for _ in range(steps):
         other.step()

@@ -8,8 +8,6 @@ from subprocess import PIPE
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli import main as cli
-from taichi_mps.engine.runtime import backend
 from taichi_mps.io import lock
 from tests.support.child import begun
 from tests.support.recorded import contents, recorded
@@ -41,8 +39,8 @@ def holder(run):
 
 def test_a_second_writer_is_refused_until_the_first_is_killed_and_readers_never(run, holder, capsys, monkeypatch):
     started = []
-    monkeypatch.setattr(backend, "init", lambda *settings: started.append(settings))
-    monkeypatch.setattr(cli, "carry_out", lambda *_, **__: 0)
+    monkeypatch.setattr(mps.backend, "init", lambda *settings: started.append(settings))
+    monkeypatch.setattr("taichi_mps.cli.main.carry_out", lambda *_, **__: 0)
     monkeypatch.setattr("taichi_mps.io.checkpoint.Checkpoint.resume", lambda *_, **__: None)
     before = contents(run)
     for words in (["run", "slump", "--spacing", "0.05", "--out", str(run), "--overwrite"], ["resume", str(run)]):

@@ -13,8 +13,6 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli.main import main, planned
-from taichi_mps.engine.schemes.step_report import StepReport
-from taichi_mps.io import checkpoint
 from taichi_mps.io.history import read_history
 from taichi_mps.io.run_folder import RunFolder
 from taichi_mps.io.vtkhdf import Trajectory
@@ -32,7 +30,7 @@ def folder(tmp_path):
 def test_a_checkpoint_goes_on_as_it_would_have_gone_on_there(folder):
     """All fields of an older checkpoint are read, and two steps later positions are those of that version within a
     twentieth of a spacing; the strain rate is now that of the end of a step."""
-    state, then = checkpoint.read(folder.checkpoint), np.load(WRITTEN / "next.npz")
+    state, then = mps.checkpoint.read(folder.checkpoint), np.load(WRITTEN / "next.npz")
     sim = state.resume(state.admit(state.scene()))
     for name, array in sim.particles.read().items():
         np.testing.assert_array_equal(array, state.state[name], err_msg=name)
@@ -45,7 +43,7 @@ def test_a_checkpoint_goes_on_as_it_would_have_gone_on_there(folder):
 
 
 def test_every_file_is_read(folder):
-    folder.check_checkpoint(folder.checkpoint, checkpoint.read(folder.checkpoint))
+    folder.check_checkpoint(folder.checkpoint, mps.checkpoint.read(folder.checkpoint))
     summary, history = folder.read_summary(), read_history(folder.history)
     *_, last = Trajectory(folder.trajectory).checked_replay()
     assert (history["outer_iterations"][1], history["solver_iterations"][1]) == (40, 80)
@@ -56,10 +54,10 @@ def test_every_file_is_read(folder):
     assert problem.scene.parameters == summary["parameters"] | dict.fromkeys(later) | {"age": 0.0}
     assert (options.every, options.precision) == (0.02, "f64")
     for name, kind in (("checkpoint.h5", mps.Implicit), ("checkpoint_semi_implicit.h5", mps.SemiImplicit)):
-        state = checkpoint.read(folder.path / name)
+        state = mps.checkpoint.read(folder.path / name)
         assert state.differing(*Trajectory(folder.trajectory).origin()[:2]) == ""
         assert state.admit(state.scene()).numerics == kind()
-        assert StepReport(**state.state["report"]).outer_iterations > 0
+        assert mps.StepReport(**state.state["report"]).outer_iterations > 0
     assert main(["resume", str(folder.path)]) == 0
     assert Trajectory(folder.trajectory).cut(0.03, 0.02) == 2
 
@@ -77,7 +75,10 @@ def test_a_number_that_records_get_later_leaves_a_checkpoint_good_until_it_is_gi
         hose = mps.Inlet((0.5, 0.9), (0.0, -1.0), 0.1, rate=0.01, volume=0.1, path=path)
         walls = (mps.Plane((0.0, 0.0), (0.0, 1.0), name=name and f"{name}_2"), bar)
         scene = mps.Scene("x", material, 0.05, None, ((0, 0), (1, 1)), walls=walls, inlets=(hose,))
-        return [checkpoint.digest(scene, keys) for keys in (checkpoint.PARTICLE_ATTRIBUTES, checkpoint.LAW_ATTRIBUTES)]
+        return [
+            mps.checkpoint.digest(scene, keys)
+            for keys in (mps.checkpoint.PARTICLE_ATTRIBUTES, mps.checkpoint.LAW_ATTRIBUTES)
+        ]
 
     usual = digests(mps.Bingham())
     assert usual == digests(Imagined()) == digests(mps.Bingham(), name="bar")
@@ -88,8 +89,8 @@ def test_a_number_that_records_get_later_leaves_a_checkpoint_good_until_it_is_gi
 
 
 def test_a_large_array_counts_by_a_part_and_its_shape(monkeypatch):
-    monkeypatch.setattr(checkpoint, "SAMPLED_FROM", 10)
+    monkeypatch.setattr(mps.checkpoint, "SAMPLED_FROM", 10)
     scene = mps.Scene("x", mps.Bingham(), 0.1, mps.fill(mps.Box((0, 0), (1, 1)), 0.1), ((-1, -1), (2, 2)))
     moved = mps.Scene("x", mps.Bingham(), 0.1, scene.fluid + 0.01, scene.domain)
-    digests = [checkpoint.digest(one, checkpoint.PARTICLE_ATTRIBUTES) for one in (scene, scene, moved)]
+    digests = [mps.checkpoint.digest(one, mps.checkpoint.PARTICLE_ATTRIBUTES) for one in (scene, scene, moved)]
     assert digests[0] == digests[1] != digests[2]

@@ -10,8 +10,6 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.forecast import accuracy
 from taichi_mps.forecast.accuracy import MixNumbers, ModelErrors, choices, choose, error_table, expected
-from taichi_mps.input import catalogue
-from taichi_mps.units import SceneError
 
 MIX = MixNumbers.of(500.0, 50.0)
 SPEEDS = "0.3 m/s", "0.15 m/s", "0.06 m/s"
@@ -124,7 +122,7 @@ def test_nothing_that_is_good_enough_is_cheaper(wanted, given, mix):
     fitting = [c for c in there if c.error <= wanted and c.volume_error <= 0.01]
     if not fitting:
         exact = any(c.volume_error <= 0.01 for c in there)  # if only not small enough
-        with pytest.raises(SceneError, match="must be at least" if exact else "keeps the volume within 1 %"):
+        with pytest.raises(mps.SceneError, match="must be at least" if exact else "keeps the volume within 1 %"):
             choose(wanted, **given, mix=mix)
         return
     choice = choose(wanted, **given, mix=mix)
@@ -150,7 +148,7 @@ def test_the_scene_is_made_as_chosen_and_says_so(recwarn):
     assert (scene.spacing, scene.parameters["model"]) == (choice.spacing, choice.model)
     assert scene.axisymmetric == (choice.model == "axisymmetric")
     assert told_by(recwarn) == [f"accuracy = 5 mm: {choice}"] and "mixes beside this one" in str(choice)
-    again = catalogue.build("slump", **scene.parameters)  # as a checkpoint does: nothing is chosen anew
+    again = mps.catalogue.build("slump", **scene.parameters)  # as a checkpoint does: nothing is chosen anew
     assert again.spacing == scene.spacing and len(told_by(recwarn)) == 1
 
 
@@ -170,15 +168,15 @@ def test_what_is_given_rules(capsys):
 
 
 def test_what_nothing_reaches_is_refused_with_the_best_there_is(monkeypatch):
-    with pytest.raises(SceneError, match=r"accuracy = 1e-06 m: must be at least 0.\d+ m, which is model = "):
+    with pytest.raises(mps.SceneError, match=r"accuracy = 1e-06 m: must be at least 0.\d+ m, which is model = "):
         mps.slump_cone(accuracy=1e-6)
     with pytest.raises(
-        SceneError, match="with spacing = 0.013 m: nothing was measured there; spacings of 2.5, .* mm were$"
+        mps.SceneError, match="with spacing = 0.013 m: nothing was measured there; spacings of 2.5, .* mm were$"
     ):
         mps.slump_cone(accuracy=0.005, spacing=0.013)
     swollen = [row._replace(volume=0.011) for row in error_table()]
     monkeypatch.setattr("taichi_mps.forecast.accuracy.error_table", lambda: swollen)
     with pytest.raises(
-        SceneError, match="with spacing = 0.02 m: nothing was measured there that keeps the volume within 1 %$"
+        mps.SceneError, match="with spacing = 0.02 m: nothing was measured there that keeps the volume within 1 %$"
     ):
         mps.slump_cone(accuracy=0.05, spacing=0.02)

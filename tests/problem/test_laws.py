@@ -9,10 +9,8 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.app.worker import forecast
-from taichi_mps.cli.main import main
 from taichi_mps.engine.problem.materials import LAWS, TYPICAL_RATE, numbers_of
 from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.input import catalogue
 from taichi_mps.study.reuse import shape_of
 from taichi_mps.study.sweep import cases
 from taichi_mps.units import YieldValue
@@ -86,7 +84,7 @@ def test_a_class_of_ones_own_is_a_law_as_any(monkeypatch):
     stress, growth = OwnLaw(Building(k=10.0)).evaluate(rates, structure)
     np.testing.assert_allclose(stress, 40.0 * (1.0 + structure) + 10.0 * rates**0.5, rtol=1e-6)
     np.testing.assert_allclose(growth, 0.5 - rates * structure, rtol=1e-6)
-    film = replace(catalogue.build("film", spacing=0.02), check=None, measure=None)
+    film = replace(mps.catalogue.build("film", spacing=0.02), check=None, measure=None)
     monkeypatch.setattr(mps.Simulation, "_build", lambda sim: pytest.fail("allocated"))
     with pytest.raises(mps.SceneError, match="material: shear_stress = Falling.shear_stress: .*must"):
         mps.Simulation(replace(film, material=Falling()))
@@ -142,7 +140,7 @@ BINGHAM = "the mixes that are looked for, and their slumps, are of Bingham's law
 )
 def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(words.split()) == 2
+    assert mps.main(words.split()) == 2
     told = capsys.readouterr().err
     assert message in told.splitlines()[-1] and not list(tmp_path.iterdir())
     if words.startswith("run"):
@@ -185,7 +183,7 @@ def test_a_case_file_has_the_numbers_of_its_law_and_takes_those_of_one_written_b
     """A case file written before 0.3 has the numbers of all laws, those without effect at their defaults, and is
     read."""
     case = tmp_path / "case.toml"
-    assert main(["new", "slump", "--consistency", "20", "--flow-index", "0.5"]) == 0
+    assert mps.main(["new", "slump", "--consistency", "20", "--flow-index", "0.5"]) == 0
     text = capsys.readouterr().out
     assert "\nconsistency = 20.0" in text and "# plastic_viscosity = " in text and "# friction_angle = " in text
     for mix, wrong in (("plastic_viscosity = 50.0\nconsistency = 20.0\nfriction_angle = 0.0\n", False),
@@ -193,15 +191,15 @@ def test_a_case_file_has_the_numbers_of_its_law_and_takes_those_of_one_written_b
         case.write_text(
             f"scene = 'slump'\n[mix]\n{mix}flow_index = 0.5\nstructuration = 0.0\ndestructuration = 0.005\n"
         )
-        assert main(["run", str(case), "--forecast"]) == 2 * wrong
+        assert mps.main(["run", str(case), "--forecast"]) == 2 * wrong
         assert (TWICE.format(77) in capsys.readouterr().err) is wrong
 
 
 @pytest.mark.parametrize("numbers", [{}, {"consistency": 9.0}, {"structuration": 0.5}, {"flow_index": 1.0}])
 def test_parameters_are_the_numbers_of_the_law_and_make_the_same_scene_again(numbers):
-    scene = catalogue.build("l_flow", **numbers)
+    scene = mps.catalogue.build("l_flow", **numbers)
     viscous = {law.viscous[0] for law in LAWS if scene.parameters[law.viscous[0]] is not None}
     assert viscous == {scene.material.viscous[0]} and numbers.items() <= scene.parameters.items()
-    assert catalogue.rebuild("l_flow", json.loads(json.dumps(scene.parameters))).material == scene.material
+    assert mps.catalogue.rebuild("l_flow", json.loads(json.dumps(scene.parameters))).material == scene.material
     before = scene.parameters | {"plastic_viscosity": 50.0}  # of a checkpoint of before 0.3
-    assert catalogue.rebuild("l_flow", before).material == scene.material
+    assert mps.catalogue.rebuild("l_flow", before).material == scene.material

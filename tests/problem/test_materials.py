@@ -5,8 +5,7 @@ import json
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.engine.simulation.pouring import Pouring
+from taichi_mps.engine import Pouring, Problem
 from tests.support.scenes import two_mixes
 
 

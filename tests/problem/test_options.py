@@ -8,7 +8,6 @@ from pydantic import Field
 
 import taichi_mps as mps
 from taichi_mps.cli.options import allowed, choices, default
-from taichi_mps.input import catalogue
 from taichi_mps.units import Checked, Duration, Length, Unit, YieldValue, unit_of
 
 ImaginedAngle = Annotated[float, Field(ge=0.0, lt=45.0), Unit("deg")]
@@ -85,13 +84,13 @@ LAWS = {
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.core
-@pytest.mark.parametrize("name", catalogue.names())
+@pytest.mark.parametrize("name", mps.catalogue.names())
 def test_every_scene_takes_every_number_of_the_mix(name, law):
-    fields = catalogue.load(name).parameters.model_fields
+    fields = mps.catalogue.load(name).parameters.model_fields
     assert set(mps.Concrete.model_fields) <= set(fields)
     assert all(fields[key].description == field.description for key, field in mps.Concrete.model_fields.items())
     given = {"density": 2100.0, "yield_value": 44.0, **LAWS[law]}
-    scene = catalogue.build(name, **given)
+    scene = mps.catalogue.build(name, **given)
     assert scene.material == law(**given) and given.items() <= scene.parameters.items()
     assert scene.material.ages == (law is mps.HerschelBulkley)
 
@@ -100,7 +99,7 @@ def test_every_scene_takes_every_number_of_the_mix(name, law):
 def test_a_rational_critical_strain_rate_is_that_for_the_time_of_the_scene(name):
     """The rational critical strain rate of 400 Pa and 20 Pa s is min(0.01 tau_y/(2 eta), 0.01/T) = 0.01/4."""
     mix = {"yield_value": 400.0, "plastic_viscosity": 20.0}
-    scene = catalogue.build(name, **mix, critical_strain_rate="rational", until=4.0)
+    scene = mps.catalogue.build(name, **mix, critical_strain_rate="rational", until=4.0)
     assert scene.material.critical_strain_rate == pytest.approx(0.0025, rel=1e-12)
     assert scene.parameters["critical_strain_rate"] == "rational"
 
@@ -116,7 +115,7 @@ def test_a_scene_of_ones_own_has_plain_keywords(tmp_path):
         "    mix = mps.Bingham(yield_value=yield_value, density=density)\n"
         "    return mps.Scene('own', mix, spacing, fluid, ((-1.0, -1.0), (1.0, 1.0)))\n"
     )
-    scene = catalogue.build(str(path), yield_value="250")
+    scene = mps.catalogue.build(str(path), yield_value="250")
     assert scene.material == mps.Bingham(yield_value=250.0)
     assert scene.parameters == {"yield_value": 250.0, "density": 2300.0, "spacing": 0.1}
 
@@ -138,8 +137,8 @@ def test_a_scene_of_ones_own_has_plain_keywords(tmp_path):
 )
 def test_an_option_without_effect_is_refused_but_in_a_run_of_an_earlier_version(scene, given, message):
     with pytest.raises(mps.SceneError, match=f"^{message}$"):
-        catalogue.build(scene, **given)
-    assert catalogue.rebuild(scene, given).name == scene
-    for name, note in catalogue.load(scene).parameters.rules:
-        other = catalogue.load(scene).parameters.model_fields[note.key]
+        mps.catalogue.build(scene, **given)
+    assert mps.catalogue.rebuild(scene, given).name == scene
+    for name, note in mps.catalogue.load(scene).parameters.rules:
+        other = mps.catalogue.load(scene).parameters.model_fields[note.key]
         assert name != note.key and set(note.values if isinstance(note.values, tuple) else ()) <= set(choices(other))

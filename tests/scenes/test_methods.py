@@ -9,8 +9,6 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.problem import measures as measure
-from taichi_mps.forecast import rest_shapes
-from taichi_mps.input import catalogue
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
 
@@ -28,7 +26,7 @@ VESSELS = {
 
 @pytest.fixture(scope="module", params=sorted(VESSELS))
 def scene(request):
-    return catalogue.build(request.param)
+    return mps.catalogue.build(request.param)
 
 
 def start(scene):
@@ -102,7 +100,7 @@ KNOWN = {  # what stands in a vessel, and what is read
 @pytest.mark.parametrize("name", KNOWN)
 def test_measures_of_bodies_known_by_hand(name):
     blocks, known = KNOWN[name]
-    assert catalogue.build(name, spacing=0.01).measure(boxes(0.01, *blocks)) == pytest.approx(known, rel=1e-9)
+    assert mps.catalogue.build(name, spacing=0.01).measure(boxes(0.01, *blocks)) == pytest.approx(known, rel=1e-9)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.1, 0.3])
@@ -115,7 +113,7 @@ def test_the_l_box_reads_a_known_profile(spacing, jitter):
     def profile(x, y):
         return 0.11 - 0.05 * x / 0.7 + 0.02 * np.cos(np.pi * y / 0.2)
 
-    scene = catalogue.build("l_box", spacing=spacing)
+    scene = mps.catalogue.build("l_box", spacing=spacing)
     x = mps.lattice((0.0, -0.1, 0.0), (0.7, 0.1, 0.14), spacing)
     x = x + jitter * spacing * np.random.default_rng(1).uniform(-1.0, 1.0, x.shape)
     drops = mps.lattice((0.0875, -0.1, 0.16), (0.1, 0.1, 0.2), spacing)  # on the wall above the gate
@@ -130,7 +128,7 @@ def test_the_l_box_reads_a_known_profile(spacing, jitter):
 @pytest.mark.parametrize("name, volume", [("l_box", 12e-3), ("l_flow", 8e-3)])
 def test_behind_a_gate_the_vessel_holds_its_volume(name, volume, spacing):
     """The gate stands a spacing in front of the opening; the volume that fills this gap is missing at the top."""
-    scene = catalogue.build(name, spacing=spacing, lift_speed=0.3)
+    scene = mps.catalogue.build(name, spacing=spacing, lift_speed=0.3)
     assert 2.0 * scene.volumes.sum() == pytest.approx(volume, rel=1e-9)
     front, below = scene.fluid[:, 0] > 0.1, scene.fluid[:, 2] < 0.15
     assert front.sum() == pytest.approx(0.1 * 0.15 / spacing**2) and np.all(below[front])
@@ -154,7 +152,7 @@ def test_behind_a_gate_the_vessel_holds_its_volume(name, volume, spacing):
 def test_boxes_judge_levels_and_volume_at_rest(name, keywords, h1, h2, holds):
     """In the U-box 40 Pa hold a step of 3 mm between smooth walls, and two spacings are the error of a level; in the
     L-box the closed form for 40 Pa without side walls has levels 13 mm apart, and normal stresses hold 5 mm more."""
-    scene = catalogue.build(name, spacing=0.01, **keywords)
+    scene = mps.catalogue.build(name, spacing=0.01, **keywords)
     blocks = {
         "u_box": (
             ((0.14, 0.0, 0.0), (0.17, 0.1, 0.18)),
@@ -171,12 +169,12 @@ def test_boxes_judge_levels_and_volume_at_rest(name, keywords, h1, h2, holds):
 
 def test_times_of_the_flow():
     history = {"time_s": np.array([0.0, 0.2, 0.6]), "flow_m": np.array([0.0, 0.05, 0.15])}
-    found = catalogue.build("l_flow").over_time(history)
+    found = mps.catalogue.build("l_flow").over_time(history)
     assert found == pytest.approx({"t100_s": 0.4, "early_speed_m_s": 0.25})
 
 
 def test_light_through_the_funnel():
-    scene = catalogue.build("v_funnel")
+    scene = mps.catalogue.build("v_funnel")
     full = scene.unfold(start(scene))
     left = 4 * len(scene.fluid) * scene.spacing**3
     assert scene.measure(full) == pytest.approx({"left_m3": left, "light_ratio": 0.0})
@@ -190,7 +188,7 @@ def test_light_through_the_funnel():
 
 
 def test_the_step_of_the_ring():
-    scene = catalogue.build("j_ring")
+    scene = mps.catalogue.build("j_ring")
     radii = np.repeat([0.03, 0.17], [40, 30])  # 40 particles near the axis, 30 outside the bars
     angle = 0.1 * np.arange(70)
     body = measure.still(np.column_stack([radii * np.cos(angle), radii * np.sin(angle), 0.0 * angle]), 0.01)
@@ -203,7 +201,7 @@ def test_the_step_of_the_ring():
 
 
 def test_a_funnel_that_is_too_fast_is_noticed():
-    scene = catalogue.build("v_funnel")
+    scene = mps.catalogue.build("v_funnel")
     out = replace(start(scene), time=0.1)
     out = replace(out, x=out.x * (1.0, 1.0, 0.0) + (0.0, 0.0, -0.1))
     with pytest.raises(AssertionError):
@@ -233,7 +231,7 @@ BEHIND = (2.0 * 50.0 / (2300.0 * 9.81) * PLANE) ** 0.5  # and its depth at the w
     ],
 )
 def test_a_channel_at_rest(area, yield_value, keywords, depth, length, end, error):
-    x, h = rest_shapes.channel_at_rest(area, 2300.0, yield_value, **keywords)
+    x, h = mps.rest_shapes.channel_at_rest(area, 2300.0, yield_value, **keywords)
     assert (h[0], x[-1], h[-1]) == pytest.approx((depth, length, end), rel=error)
     assert (0.5 * (h[1:] + h[:-1]) * np.diff(x)).sum() == pytest.approx(area, rel=1e-4)
 
@@ -245,17 +243,17 @@ def test_a_channel_at_rest(area, yield_value, keywords, depth, length, end, erro
 def test_the_lcpc_box_rests_as_far_as_the_closed_form(model, spacing, yield_value):
     """The final length is that of the closed form within 5 %, minutes after the release: at 10 s a layer of 23 Pa is 18
     % short."""
-    scene = catalogue.build("lcpc_box", model=model, spacing=spacing, yield_value=yield_value)
+    scene = mps.catalogue.build("lcpc_box", model=model, spacing=spacing, yield_value=yield_value)
     sim = mps.Simulation(scene)
     assert sim.run() == "rest" and sim.time > 100.0
     width = 0.2 if model == "half" else None
-    x, _ = rest_shapes.channel_at_rest(0.03, 2300.0, yield_value, width, 1.2, normal_stress=True)
+    x, _ = mps.rest_shapes.channel_at_rest(0.03, 2300.0, yield_value, width, 1.2, normal_stress=True)
     assert sim.measures()["front_m"] == pytest.approx(x[-1], rel=0.05)
 
 
 def test_a_cake_at_rest():
     """The volume under h = sqrt(2 tau (R - r)/(rho g)) is the requested one."""
-    radius = 0.5 * rest_shapes.spread_at_rest(5.5e-3, 2300.0, 40.0)
+    radius = 0.5 * mps.rest_shapes.spread_at_rest(5.5e-3, 2300.0, 40.0)
     r = (np.arange(20000) + 0.5) * radius / 20000
     height = np.sqrt(2 * 40.0 * (radius - r) / (2300.0 * 9.81))
     assert (2 * math.pi * r * height).sum() * radius / 20000 == pytest.approx(5.5e-3, rel=1e-4)
@@ -288,14 +286,14 @@ def test_distance_from_a_polygon():
 )
 def test_refusals(name, keywords, message):
     with pytest.raises(mps.SceneError, match=message):
-        catalogue.build(name, **keywords)
+        mps.catalogue.build(name, **keywords)
 
 
 @pytest.mark.long
 def test_a_gate_is_lifted_and_times_are_in_the_summary(tmp_path):
     """In the L-flow in the plane the gate holds the column above its lower edge without a leak, and the times of
     summary.json are those of history.csv, also after a resume."""
-    scene = catalogue.build("l_flow", model="plane", spacing=0.025, lift_speed=0.3, until=0.8)
+    scene = mps.catalogue.build("l_flow", model="plane", spacing=0.025, lift_speed=0.3, until=0.8)
     gate = scene.walls[-1]
     assert gate.distance(scene.fluid).min() == pytest.approx(0.5 * scene.spacing, rel=1e-6)
     sim = mps.Simulation(scene)
@@ -319,7 +317,7 @@ def viscous(time):
 
 def at_rest(yield_value):
     """Radius [m] of 5.5 l at rest: Roussel and Coussot but for (3/2 / (225/128))^(1/5) = 0.969."""
-    return 0.5 * rest_shapes.spread_at_rest(5.5e-3, 2300.0, yield_value) * (1.5 * 128.0 / 225.0) ** 0.2
+    return 0.5 * mps.rest_shapes.spread_at_rest(5.5e-3, 2300.0, yield_value) * (1.5 * 128.0 / 225.0) ** 0.2
 
 
 @pytest.mark.parametrize(
@@ -333,7 +331,7 @@ def at_rest(yield_value):
     ],
 )
 def test_how_far_a_column_flows_is_the_closed_form_where_it_is_slow(yield_value, viscosity, time, radius, error):
-    far = rest_shapes.radius_of_flow(5.5e-3, 0.3, 2300.0, yield_value, viscosity, time)
+    far = mps.rest_shapes.radius_of_flow(5.5e-3, 0.3, 2300.0, yield_value, viscosity, time)
     assert far == pytest.approx(radius, rel=error)
 
 
@@ -362,7 +360,7 @@ MORTAR = {
     ],
 )
 def test_a_flow_table_keeps_the_volume_and_spreads_it_jolt_by_jolt(settings):
-    scene = catalogue.build("flow_table", jolts=3, **settings)
+    scene = mps.catalogue.build("flow_table", jolts=3, **settings)
     sim, lost, times, spread = mps.Simulation(scene), [], [], []
     for until in (*(jolt.time for jolt in scene.jolts), scene.until):
         sim.run(until)
@@ -380,21 +378,21 @@ def test_a_flow_table_keeps_the_volume_and_spreads_it_jolt_by_jolt(settings):
 def test_a_hinged_table_falls_as_its_energy_says():
     """A plate without concrete reaches the angular velocity sqrt(3 g h)/L, and the whole table that of its mass at the
     middle."""
-    scene = catalogue.build("flow_table", spacing=0.02, density=200.0)
+    scene = mps.catalogue.build("flow_table", spacing=0.02, density=200.0)
     light = scene.jolts[0]
     mass = 200.0 * mps.Cone(0.1, 0.065, 0.2).volume
     energy = 9.81 * 0.04 * 0.5 * (16.0 + mass)
     assert 0.5 * (16.0 * 0.49 / 3.0 + mass * 0.35**2) * light.angular_velocity**2 == pytest.approx(energy)
     middle, edge = light.jump([(0.0, 0.0, 0.0), (0.35, 0.0, 0.0)])
     assert edge == pytest.approx(2.0 * middle) and middle[2] < 0.0 and middle[:2] == pytest.approx((0.0, 0.0))
-    rings = catalogue.build("flow_table", spacing=0.02, density=200.0, model="axisymmetric")
+    rings = mps.catalogue.build("flow_table", spacing=0.02, density=200.0, model="axisymmetric")
     assert rings.jolts[0].jump([(0.1, 0.0)])[0] == pytest.approx(middle[[0, 2]])
 
 
 def test_classes_of_the_flow_table():
     """Classes are those of EN 206: F1 up to 340 mm, F2 350 to 410, F3 420 to 480, F4 490 to 550, F5 560 to 620, F6 from
     630 mm on."""
-    scene = catalogue.build("flow_table", spacing=0.02)
+    scene = mps.catalogue.build("flow_table", spacing=0.02)
     ends = {1: (0.20, 0.344), 2: (0.346, 0.41), 3: (0.42, 0.48), 4: (0.49, 0.554), 5: (0.556, 0.62), 6: (0.63, 0.7)}
     for number, spreads in ends.items():
         for spread in spreads:

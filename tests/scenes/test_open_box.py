@@ -3,14 +3,13 @@
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.input import catalogue
 
 BLOCK = {"model": "half", "spacing": 0.005, "column_width": 0.03, "column_height": 0.04, "density": 1000.0}
 
 
 def after(until, **settings):
     """Measures of a run, judged by the check of its scene."""
-    sim = mps.Simulation(catalogue.build("dam_break", **BLOCK | settings, until=until))
+    sim = mps.Simulation(mps.catalogue.build("dam_break", **BLOCK | settings, until=until))
     sim.run()
     sim.scene.check(sim.snapshot(), sim.measures())
     return sim.measures()
@@ -28,7 +27,7 @@ def test_the_gate_holds_what_it_has_not_left_yet():
 
 
 def test_the_open_box_is_told_from_the_tank():
-    half = catalogue.build("dam_break", **BLOCK | {"column_width": 0.0337})  # no multiple of the spacing
+    half = mps.catalogue.build("dam_break", **BLOCK | {"column_width": 0.0337})  # no multiple of the spacing
     volume = 2.0 * len(half.fluid) * half.spacing**3
     assert volume == pytest.approx(0.0337 * 0.04 * 0.04, rel=1e-12) and half.fluid[:, 1].min() > 0.0
     assert half.fluid[:, 0].max() == pytest.approx(0.0337 * 13 / 14, rel=1e-12)

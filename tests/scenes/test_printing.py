@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.measures import still
-from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.engine.simulation.pouring import Pouring
-from taichi_mps.input import catalogue
+from taichi_mps.engine import Pouring, Problem, still
 from taichi_mps.input.tool_path import read_gcode
 
 PATH = ((1.0, 0.0, 0.0), (3.0, 0.4, 0.0), (4.0, 0.4, 0.1))
@@ -74,11 +71,11 @@ def mouth(**keywords):
         (lambda: mouth(height=0.0), "height = 0.0 m: must be greater than 0 m"),
         (lambda: mouth(height=0.004).layer(0.005), "height = 0.004 m: must be 1 to 1000 times spacing = 0.005 m"),
         (
-            lambda: catalogue.build("printing", model="path", layer_height=0.012),
+            lambda: mps.catalogue.build("printing", model="path", layer_height=0.012),
             "layer_height = 0.012 m: must be a whole number of spacings",
         ),
         (
-            lambda: catalogue.build("printing", mortar="uf-9", yield_value=500.0),
+            lambda: mps.catalogue.build("printing", mortar="uf-9", yield_value=500.0),
             "mortar = uf-9: must be given without other numbers of the mix",
         ),
     ],
@@ -104,7 +101,7 @@ def test_a_rectangular_mouth_is_as_wide_and_high_as_it_is_said():
 def test_a_nozzle_that_goes_to_and_fro_lays_even_layers():
     """The body on each part of the path has the section of the nozzle times the number of layers, and the same height
     everywhere."""
-    scene = catalogue.build("printing", model="path", layers=2, layer_time=0.5, length=0.1)
+    scene = mps.catalogue.build("printing", model="path", layers=2, layer_time=0.5, length=0.1)
     sim = mps.Simulation(scene)
     sim.run()
     s, l0 = sim.snapshot(), scene.spacing
@@ -117,18 +114,18 @@ def test_a_nozzle_that_goes_to_and_fro_lays_even_layers():
 
 
 def test_a_measured_mortar_has_its_own_numbers():
-    scene = catalogue.build("printing", mortar="uf-9", density=2100.0)
+    scene = mps.catalogue.build("printing", mortar="uf-9", density=2100.0)
     assert scene.material == mps.Bingham(yield_value=786.0, plastic_viscosity=36.9, density=2100.0)
 
 
 def test_there_is_room_for_as_many_layers_as_the_default_has():
-    problem = Problem(catalogue.build("printing", model="path"), mps.Implicit())
+    problem = Problem(mps.catalogue.build("printing", model="path"), mps.Implicit())
     assert problem.height == pytest.approx(0.25)
 
 
 def failure_height(**keywords):
     """Printed height [m] at which the foot has become 1 % wider, and that before the last particle on top."""
-    scene = catalogue.build("printing", floor="smooth", **keywords)
+    scene = mps.catalogue.build("printing", floor="smooth", **keywords)
     sim, rows = mps.Simulation(scene), []
     sim.each_step(lambda sim: rows.append({"time_s": sim.time} | sim.measures()))
     sim.run()
@@ -172,7 +169,7 @@ def test_a_hose_stays_near_the_concrete_in_a_high_form(hose, ends):
     """A hose keeps 300 mm above the mean level of the concrete, up to its place above the form, along its whole
     path."""
     fits = {"hose_diameter": 0.1, "bar_diameter": 0.01, "cover": 0.025, "bar_distance": 0.9}
-    scene = catalogue.build("wall", spacing=0.03, length=0.5, height=0.9, fill_ratio=1.0, hose=hose, **fits)
+    scene = mps.catalogue.build("wall", spacing=0.03, length=0.5, height=0.9, fill_ratio=1.0, hose=hose, **fits)
     inlet = scene.inlets[0]
     time = inlet.volume / inlet.rate
     for share in (0.0, 0.3, 0.6):
@@ -286,7 +283,9 @@ def test_a_dialect_decides_whether_e_is_absolute_after_g90(written, head, dialec
     """With Marlin G90 ends M83: E50 after E50 feeds nothing. The scene's parameters tell which was taken."""
     path = written(head + "M83\n" + MOVES + "G91\nG0 Z10\nG90\nG1 X0 E50\n")
     assert len(read_gcode(path, filament=0.004, dialect=dialect)) == count
-    scene = catalogue.build("printing", gcode=str(path), filament_diameter=0.01, gcode_dialect=dialect, spacing=0.001)
+    scene = mps.catalogue.build(
+        "printing", gcode=str(path), filament_diameter=0.01, gcode_dialect=dialect, spacing=0.001
+    )
     assert scene.parameters["gcode_dialect"] == ("marlin" if count == 1 else "klipper")
 
 
@@ -352,7 +351,7 @@ def test_a_spiral_vase_lies_on_its_own_turn_below(written):
     assert [bead.height for bead in beads] == pytest.approx([0.01] * len(beads), abs=1e-6)
     assert [bead.width for bead in beads] == pytest.approx([0.03] * len(beads), rel=3e-3)
     assert sorted({bead.layer for bead in beads}) == [0, 1, 2, 3, 4]
-    scene = catalogue.build("printing", gcode=str(path), filament_diameter=0.01)
+    scene = mps.catalogue.build("printing", gcode=str(path), filament_diameter=0.01)
     assert sum(inlet.volume for inlet in scene.inlets) == pytest.approx(5 * 2 * np.pi * 0.1 * 0.03 * 0.01, rel=0.01)
 
 
@@ -374,7 +373,7 @@ def test_a_tool_path_is_printed_as_it_is_commanded_until_its_foot_fails(written)
     layer."""
     mix = {"yield_value": 400.0, "plastic_viscosity": 20.0, "floor": "smooth"}
     path = written(corner(100, 30, 10, 6, 200))
-    scene = catalogue.build("printing", gcode=str(path), filament_diameter="10 mm", **mix)
+    scene = mps.catalogue.build("printing", gcode=str(path), filament_diameter="10 mm", **mix)
     assert sum(inlet.volume for inlet in scene.inlets) == pytest.approx(12 * 0.1 * 0.03 * 0.01, rel=0.01)
     sim, rows = mps.Simulation(scene), []
     sim.each_step(lambda sim: rows.append({"time_s": sim.time} | sim.measures()))
@@ -398,10 +397,12 @@ def test_a_closed_line_fills_all_of_its_corners(written):
     """Beads of 30 mm along a square of 120 mm fill the ring between squares of 150 and 90 mm exactly once."""
     fed = 30 * 10 * 120 / (0.25 * np.pi * 100)
     sides = "".join(f"G1 X{x} Y{y} E{fed:.6f}\n" for x, y in ((120, 0), (120, 120), (0, 120), (0, 0)))
-    scene = catalogue.build("printing", gcode=str(written(f"M83\nG0 Z10 F6000\n{sides}")), filament_diameter=0.01)
-    assert scene.parameters["model"] == "gcode" and catalogue.rebuild("printing", scene.parameters).name == scene.name
+    scene = mps.catalogue.build("printing", gcode=str(written(f"M83\nG0 Z10 F6000\n{sides}")), filament_diameter=0.01)
+    assert (
+        scene.parameters["model"] == "gcode" and mps.catalogue.rebuild("printing", scene.parameters).name == scene.name
+    )
     with pytest.raises(mps.SceneError, match="model = gcode: must have a tool path"):
-        catalogue.build("printing", model="gcode")
+        mps.catalogue.build("printing", model="gcode")
     laid = np.concatenate([swept(inlet, 0.005) for inlet in scene.inlets])
     assert len(np.unique(laid, axis=0)) == len(laid) == (150**2 - 90**2) * 10 / 125
     assert laid.min(0) == pytest.approx((-12.5, -12.5, 2.5)) and laid.max(0) == pytest.approx((132.5, 132.5, 7.5))
@@ -417,7 +418,7 @@ def swept(inlet, spacing):
 def test_the_shape_of_what_is_printed_is_told_beside_the_path(written):
     """Widths and offsets of two layers of a wall are reported as laid, with each side turned by 9 degrees as a rigid
     body, and with the lower layer 1.2 times as wide and the upper one 4 mm to the side."""
-    scene = catalogue.build("printing", gcode=str(written(corner(100, 30, 10, 2, 200))), filament_diameter=0.01)
+    scene = mps.catalogue.build("printing", gcode=str(written(corner(100, 30, 10, 2, 200))), filament_diameter=0.01)
     layers = [np.concatenate([swept(inlet, 0.005) for inlet in scene.inlets[k : k + 2]]) / 1e3 for k in (0, 2)]
     as_laid = scene.measure(still(np.concatenate(layers), 0.005))
     assert as_laid == pytest.approx(

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem import measures as measure
-from taichi_mps.engine.problem.measures import Snapshot
 from taichi_mps.engine.terms.shifting import Shifting
 from tests.support.rigs import L0, Rig, System
 
@@ -147,7 +145,7 @@ def test_a_section_is_revolved_to_the_whole_body():
     rng = np.random.default_rng(1)
     u = rng.standard_normal(scene.fluid.shape)
     zero = np.zeros(len(u))
-    part = Snapshot(0.2, 0.01, scene.fluid, u, zero, zero, zero > 0, zero + 1, np.zeros((0, 2)))
+    part = mps.measure.Snapshot(0.2, 0.01, scene.fluid, u, zero, zero, zero > 0, zero + 1, np.zeros((0, 2)))
     whole = scene.unfold(part)
     assert whole.x.shape[1] == 3 and len(whole.x) * 1e-6 == pytest.approx(scene.volumes.sum(), rel=0.01)
     radius = np.hypot(whole.x[:, 0], whole.x[:, 1])
@@ -163,19 +161,19 @@ def test_rings_that_have_left_the_axis_revolve_to_a_whole_cylinder(first):
     with a flat top, also on the axis, whose volume is exact but for half a particle a ring and the one on the axis."""
     columns = first + np.arange(3)
     x = L0 * np.array([(r, z) for r in columns for z in 0.5 + np.arange(4)])
-    whole = measure.revolved(measure.still(x, L0))
+    whole = mps.measure.revolved(mps.measure.still(x, L0))
     reach = L0 * columns[-1]
     ticks = np.linspace(-reach, reach, 41)
     places = np.stack(np.meshgrid(ticks, ticks), -1).reshape(-1, 2)
     places = places[np.hypot(*places.T) <= reach]
-    assert np.abs(measure.surface(whole, places) - 4.0 * L0).max() < 1e-12
+    assert np.abs(mps.measure.surface(whole, places) - 4.0 * L0).max() < 1e-12
     layer = (whole.size**3).sum() / (4.0 * L0**3)
     assert abs(layer - np.pi * (columns[-1] + 0.5) ** 2) < 3 * 0.5 + (first > 0.75)
 
 
 def test_a_hole_around_the_axis_that_a_ring_would_fit_into_stays():
-    whole = measure.revolved(measure.still([[1.3 * L0, 0.5 * L0], [2.3 * L0, 0.5 * L0]], L0))
-    assert np.isnan(measure.surface(whole, [[0.0, 0.0]])[0])
+    whole = mps.measure.revolved(mps.measure.still([[1.3 * L0, 0.5 * L0], [2.3 * L0, 0.5 * L0]], L0))
+    assert np.isnan(mps.measure.surface(whole, [[0.0, 0.0]])[0])
     assert np.hypot(*whole.x[:, :2].T).min() == pytest.approx(1.3 * L0)
 
 

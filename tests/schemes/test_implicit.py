@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.input import catalogue
 from taichi_mps.study.reuse import begin
 from validation import columns, flows
 
@@ -60,7 +59,7 @@ def test_free_fall_is_exact(d, material, numerics, part):
 # ---- films ----------------------------------------------------------------------------------------------------
 def film(across, until=1.0, **keywords):
     """On 10 degrees after ``until``, with the kernels of the film before where they fit: use it before the next."""
-    sim = begin(catalogue.build("film", spacing=DEPTH / across, **keywords))
+    sim = begin(mps.catalogue.build("film", spacing=DEPTH / across, **keywords))
     sim.run(until=until)
     return sim
 
@@ -81,7 +80,7 @@ def test_film_starts_as_fast_as_it_should(bn, pressure, viscosity):
     """Mean speed within 3 % of the reference from a tenth of T = rho H^2/eta on; the usual step is 0.02 to 1.5 T."""
     time, found = DENSITY * DEPTH**2 / viscosity, []
     law = {"yield_value": bn / pressure * WEIGHT * DEPTH, "plastic_viscosity": viscosity}
-    sim = begin(catalogue.build("film", spacing=DEPTH / 20, **law))
+    sim = begin(mps.catalogue.build("film", spacing=DEPTH / 20, **law))
     sim.each_step(lambda sim: found.append((sim.time / time, sim.snapshot().u[:, 0].mean())))
     sim.run(until=1.5 * time)
     known = columns("B_startup_poiseuille.csv", Bn=bn, G=pressure)

@@ -9,7 +9,6 @@ import taichi_mps as mps
 from taichi_mps.engine.linear.pcg import CONVERGED
 from taichi_mps.engine.problem.time_step import Speeds
 from taichi_mps.engine.simulation.simulation import Simulation
-from taichi_mps.input import catalogue
 from tests.support import inside
 from validation.flows import l2, profile
 
@@ -118,7 +117,9 @@ def test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one():
     """The Poisson matrix is the dense one, symmetric and positive definite, and its solution keeps negative pressures,
     which only the default form cuts off."""
     rng = np.random.default_rng(7)
-    scene = catalogue.build("still_pool", plastic_viscosity=50.0, density=2300.0, width=0.08, depth=0.08, spacing=L0)
+    scene = mps.catalogue.build(
+        "still_pool", plastic_viscosity=50.0, density=2300.0, width=0.08, depth=0.08, spacing=L0
+    )
     object.__setattr__(scene, "fluid", scene.fluid + rng.uniform(-0.15, 0.15, scene.fluid.shape) * L0)
     simulation = at_start(scene, literal=True, tolerance=1e-10)
     dt, rho, scheme = 1e-3, 2300.0, simulation.scheme
@@ -167,7 +168,7 @@ def test_a_still_pool_stays_bounded(numerics, pressure, speed, drift):
     """The pool stays within bounds of pressure, the error over rho g h, of speed [m/s], and of the drift of its level
     over l0."""
     simulation = Simulation(
-        catalogue.build("still_pool", plastic_viscosity=50.0, density=2300.0), mps.SemiImplicit(**numerics)
+        mps.catalogue.build("still_pool", plastic_viscosity=50.0, density=2300.0), mps.SemiImplicit(**numerics)
     )
     errors, pressures = [], []
     simulation.every(0.01, lambda s: errors.append(s.measures()["pressure_error"]))
@@ -279,7 +280,7 @@ def test_a_free_body_is_sheared_against_the_whole_law_and_stretched_against_half
 
 # ---- the whole scheme ---------------------------------------------------------------------------------------
 def test_direct_iteration_and_unyielded_decision_of_a_slump():
-    scene = catalogue.build("slump", yield_value=100.0, spacing=0.025)
+    scene = mps.catalogue.build("slump", yield_value=100.0, spacing=0.025)
     simulation = Simulation(scene, mps.SemiImplicit(literal=True))
     first = simulation.step()
     assert first.dt == 1e-3 and first.dt_limit == "first"
@@ -299,7 +300,7 @@ def test_direct_iteration_and_unyielded_decision_of_a_slump():
 def test_the_run_ends_when_nine_tenths_are_unyielded():
     """The run starts with a step at the diffusion number of unyielded material and ends when nine tenths are unyielded;
     resumed it has the same bits."""
-    scene = catalogue.build("slump", yield_value=1000.0, critical_strain_rate=1.0, spacing=0.025)
+    scene = mps.catalogue.build("slump", yield_value=1000.0, critical_strain_rate=1.0, spacing=0.025)
     simulation, reports = Simulation(scene, mps.SemiImplicit()), []
     first = simulation.step()
     assert first.dt == pytest.approx(0.2 * 0.025**2 * 2300.0 / 550.0) and first.dt_limit == "diffusion"
@@ -391,7 +392,7 @@ def test_the_cases_of_the_paper_arrive(yield_value, until, stopped_by):
     """Cases #1 and #3 at 20 mm run to the end with the volume within 1 %, and within 3 % throughout (the target of 10
     mm is 2 %; the first fall, in which the lattice gives way, is twice as many steps of a spacing here). Slumps are 10
     to 60 mm above the finite elements' (docs/equations.md says why), more than in the paper's text."""
-    scene = catalogue.build("slump", yield_value=yield_value, spacing=0.02, critical_strain_rate=0.1)
+    scene = mps.catalogue.build("slump", yield_value=yield_value, spacing=0.02, critical_strain_rate=0.1)
     simulation, errors = Simulation(scene, mps.SemiImplicit()), []
     simulation.each_step(lambda s: errors.append(s.report.volume_error))
     assert simulation.run(until=until) == stopped_by

@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.engine.runtime import backend
-from taichi_mps.engine.simulation.pouring import Pouring
+from taichi_mps.engine import Pouring, Problem
 from taichi_mps.engine.simulation.rest import Rest
 from taichi_mps.forecast import clock
 from taichi_mps.forecast.clock import IMPORT, PARTS, READY, TRUSTED, Clock, steps_left
 from taichi_mps.forecast.cost import Cost, cost_of, seconds_of_a_step
-from taichi_mps.input import catalogue
 from taichi_mps.study.reuse import begin
 
 SETTINGS = {"precision": "f32", "threads": 1}
@@ -38,7 +35,7 @@ SETTING_UP, STEP = 3.5, 0.006  # [s] of a warm run of rings without its flow, of
 @pytest.fixture
 def kernels(monkeypatch, tmp_path):
     """Folder of compiled kernels, an empty one."""
-    monkeypatch.setattr(backend, "kernels", lambda language: tmp_path)
+    monkeypatch.setattr(mps.backend, "kernels", lambda language: tmp_path)
     return tmp_path / "ticache" / "a.tic"
 
 
@@ -49,7 +46,7 @@ def test_nine_runs_in_ten_are_told_within_thirty_percent_from_a_tenth_on():
     mps.init(threads=1)
     worst = []
     for yield_value, viscosity in MIXES:
-        scene = catalogue.build(
+        scene = mps.catalogue.build(
             "slump", model="axisymmetric", spacing=0.01, yield_value=yield_value, plastic_viscosity=viscosity
         )
         sim, cost, told = begin(scene), cost_of(Problem(scene)), []
@@ -92,7 +89,7 @@ def test_a_slump_on_another_machine(kernels, monkeypatch, slowness, is_known):
     """Where all takes the same multiple of the table's times, and the import of the program tells it, the forecast is
     exact before the run, and later within the tenth of the steps that is expected further at the end; where that tells
     nothing, it is from a tenth of the steps on within 30 %."""
-    problem = Problem(catalogue.build("slump", spacing=0.01, model="full"))
+    problem = Problem(mps.catalogue.build("slump", spacing=0.01, model="full"))
     usual = Clock(problem, SETTINGS, 0.05).expected
     seconds = {part: slowness * usual[part] for part in PARTS}
     steps = round(cost_of(problem).steps)
@@ -110,7 +107,7 @@ def test_a_pour_on_a_machine_half_as_fast(kernels, monkeypatch, is_known):
     1.3. Where the import tells nothing the factor of 2 counts by the share of the cost that is done beside TRUSTED, as
     a power; by the share of the steps it would be more."""
     pytest.importorskip("igl")
-    scene = catalogue.build("wall", spacing=0.025)
+    scene = mps.catalogue.build("wall", spacing=0.025)
     (pour,) = (Pouring(scene, inlet) for inlet in scene.inlets)
     problem = Problem(replace(scene, until=pour.end))
     usual = Clock(problem, SETTINGS, 0.05).expected
@@ -128,7 +125,7 @@ def test_a_pour_on_a_machine_half_as_fast(kernels, monkeypatch, is_known):
 
 def test_steps_to_a_time_limit_before_rest():
     """Told 1000 steps to the limit, of a flow whose steps are ten times as long as told: the geometric mean is left."""
-    problem = Problem(catalogue.build("slump", model="axisymmetric", spacing=0.05, until=0.1))
+    problem = Problem(mps.catalogue.build("slump", model="axisymmetric", spacing=0.05, until=0.1))
     sim = SimpleNamespace(steps=0, time=0.0, rest=Rest(), scene=problem.scene, problem=problem)
     sim.report = SimpleNamespace(dt=1e-3)
     assert steps_left(sim, Cost(1000.0, 1.0, problem.scene.until)) == pytest.approx(math.sqrt(1000.0 * 100.0))
@@ -138,7 +135,7 @@ def test_steps_to_a_time_limit_before_rest():
 @pytest.fixture(scope="module")
 def rings():
     """A cone of few rings."""
-    return Problem(catalogue.build("slump", model="axisymmetric", spacing=0.05))
+    return Problem(mps.catalogue.build("slump", model="axisymmetric", spacing=0.05))
 
 
 def test_a_start_that_took_longer_is_told_as_it_was(kernels, monkeypatch, rings):

@@ -4,21 +4,18 @@ pour against integrals in closed form, and their cost against measured pours."""
 import json
 import re
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.problem import Problem
+from taichi_mps.engine import Problem, memory_of, pairs_of
 from taichi_mps.engine.runtime import memory
-from taichi_mps.engine.simulation.memory import memory_of, pairs_of
 from taichi_mps.forecast import cost
 from taichi_mps.forecast.cost import LANDING_RATIO, cost_of
-from taichi_mps.input import catalogue
-from tests.support.child import child
+from tests.support.child import ROOT, child
 
-RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results"
+RESULTS = ROOT / "benchmarks" / "results"
 MEASURED = json.loads((RESULTS / "cubic_metre.json").read_text())
 L0, SIDE, MOUTH, RATE, VOLUME, G = 0.02, 0.4, 2.0, 0.012, 0.192, 9.81
 FULL = VOLUME / RATE  # [s]
@@ -46,7 +43,7 @@ def test_the_memory_is_within_a_fifth_of_the_peak_of_a_run(scene, keywords, nume
     options = [f"--{key}={value}" for key, value in keywords.items()]
     options += [f"--scheme={numerics.scheme}", f"--until={until}", f"--every={until}", f"--out={tmp_path / 'run'}"]
     code, peak = child("-c", RUN, scene, *options).stdout.split()
-    problem = Problem(catalogue.build(scene, **keywords), numerics)
+    problem = Problem(mps.catalogue.build(scene, **keywords), numerics)
     single, double = (memory_of(problem, pairs_of(problem.scene), precision) for precision in ("f32", "f64"))
     assert code == "0" and single == pytest.approx(1e3 * int(peak), rel=0.2)
     assert single < double < 2.0 * single
@@ -56,16 +53,16 @@ def test_what_does_not_fit_is_refused_with_the_smallest_spacing_that_does(monkey
     mps.init(precision="f32", threads=1)
     monkeypatch.setattr(memory, "memory", lambda: 350_000_000)
     with pytest.raises(mps.SceneError) as refused:
-        mps.Simulation(catalogue.build("slump", spacing=0.005, model="full"))
+        mps.Simulation(mps.catalogue.build("slump", spacing=0.005, model="full"))
     text = str(refused.value)
     found = re.search(r"spacing = 0\.005 m: its 43992 particles take about (\d+) MB of memory, and 350 MB are", text)
     assert found and 400 < int(found[1]) < 800 and "\n" not in text
     smallest = float(re.search(r"must be at least ([0-9.]+) m", text)[1])
-    assert mps.Simulation(catalogue.build("slump", spacing=smallest, model="full"))
+    assert mps.Simulation(mps.catalogue.build("slump", spacing=smallest, model="full"))
     with pytest.raises(mps.SceneError, match="must be at least"):
-        mps.Simulation(catalogue.build("slump", spacing=0.9 * smallest, model="full"))
+        mps.Simulation(mps.catalogue.build("slump", spacing=0.9 * smallest, model="full"))
     with pytest.raises(mps.SceneError, match=r"spacing = 0\.001 m: .* particles of a lattice take about .* MB"):
-        catalogue.build("slump", spacing=0.001, model="full")  # before it is made
+        mps.catalogue.build("slump", spacing=0.001, model="full")  # before it is made
 
 
 GROUP = {"memory.max": "3000000000", "memory.current": "1000000000", "memory.stat": "inactive_file 400000000"}
@@ -125,7 +122,7 @@ def test_steps_are_those_of_a_jet_that_falls_to_a_rising_level():
 def test_steps_of_a_nozzle_are_those_of_its_speed():
     """Concrete laid by a nozzle does not fall, however high the layer: 200 mm in 2 s are a fifth of a spacing in 10
     ms."""
-    found = cost_of(Problem(catalogue.build("printing", model="path", layers=10, spacing=0.005), mps.Implicit()))
+    found = cost_of(Problem(mps.catalogue.build("printing", model="path", layers=10, spacing=0.005), mps.Implicit()))
     assert found.steps == pytest.approx(20.0 / 0.01, rel=0.01)
 
 
@@ -149,7 +146,7 @@ def test_a_short_run_is_told_its_own_steps_and_draws_twenty_pictures():
 
 
 def test_each_jolt_of_a_table_is_a_fall_more():
-    few, many = (cost_of(Problem(catalogue.build("flow_table", jolts=jolts))).steps for jolts in (3, 15))
+    few, many = (cost_of(Problem(mps.catalogue.build("flow_table", jolts=jolts))).steps for jolts in (3, 15))
     assert many == pytest.approx(16 / 4 * few)
 
 
@@ -173,5 +170,5 @@ def test_particles_grow_at_the_rate_and_cost_what_was_measured(monkeypatch, tmp_
 @pytest.mark.slow
 def test_a_forecast_is_within_thirty_percent_of_a_measured_pour():
     row = MEASURED["small_32"]
-    told = cost_of(Problem(catalogue.build("wall", **row["case"])))
+    told = cost_of(Problem(mps.catalogue.build("wall", **row["case"])))
     assert (told.steps, told.cpu_seconds) == pytest.approx((row["steps"], row["cpu_s"]), rel=0.3)

@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.measures import still
-from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.engine.simulation.frame import Frame, frame_between
-from taichi_mps.input import catalogue
-from taichi_mps.io import checkpoint
+from taichi_mps.engine import Frame, Problem, frame_between
 from taichi_mps.io.history import read_history
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
@@ -65,7 +61,7 @@ RUNS = pytest.mark.parametrize(
 @RUNS
 def test_a_run_does_not_know_its_outputs(scene, keywords, numerics, until):
     """End time, steps and every bit are equal without outputs and with outputs of any interval."""
-    sim = mps.Simulation(catalogue.build(scene, until=until, **keywords), numerics)
+    sim = mps.Simulation(mps.catalogue.build(scene, until=until, **keywords), numerics)
     start = sim.state()
     alone, _ = with_outputs(sim, start, None)
     assert alone[2] == ("rest" if until == 5.0 else "time")
@@ -84,7 +80,7 @@ def test_a_run_does_not_know_its_outputs(scene, keywords, numerics, until):
 def test_a_run_does_not_know_its_limits(scene, keywords, numerics, until):
     """A limit that lies between two steps tells what lies on the line between them, and the run goes on as if there had
     been none: to limits in the same step, at the end of a step, and before the first."""
-    sim = mps.Simulation(catalogue.build(scene, until=until, **keywords), numerics)
+    sim = mps.Simulation(mps.catalogue.build(scene, until=until, **keywords), numerics)
     start, steps = sim.state(), [(0.0, sim.snapshot().x)]
     sim.each_step(lambda sim: steps.append((sim.time, sim.snapshot().x)) if sim.all_active else None)
     alone, ends = whole(sim), steps[:-1]
@@ -104,7 +100,7 @@ def test_a_run_does_not_know_its_limits(scene, keywords, numerics, until):
 def frame(time, x, u, **of_scene):
     """A frame of points in a domain from 0 to 1 m."""
     scene = SimpleNamespace(domain=((0.0, 0.0), (1.0, 1.0)), periodic=(False, False), **of_scene)
-    state = replace(still(x, 0.01), time=time, u=np.asarray(u, float))
+    state = replace(mps.measure.still(x, 0.01), time=time, u=np.asarray(u, float))
     return Frame(scene, state)
 
 
@@ -148,7 +144,7 @@ def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, sch
     """Steps and frames are the same although the run was interrupted between two outputs, the next of which lies in the
     step after the checkpoint."""
     rings = {"model": "axisymmetric", "spacing": 0.02} if scheme == "implicit" else {"spacing": 0.04}
-    scene = catalogue.build("slump", until=0.12, **rings)
+    scene = mps.catalogue.build("slump", until=0.12, **rings)
     numerics = mps.Implicit() if scheme == "implicit" else mps.SemiImplicit()
     one, parts = folders(tmp_path)
     sim = mps.Simulation(scene, numerics)
@@ -156,7 +152,7 @@ def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, sch
     end = bits(sim)
     sim = mps.Simulation(scene, numerics)
     assert recorded(parts, sim, stop_at=7) == "interrupted"
-    good = checkpoint.read(parts.checkpoint)
+    good = mps.checkpoint.read(parts.checkpoint)
     for strange in (7, 1):  # unknown; walls alone
         with pytest.raises(mps.SceneError, match="checkpoint: kind: must be 0 of fluid, 1 or 2 of walls"):
             state = good.state | {"kind": np.full_like(good.state["kind"], strange)}
@@ -171,13 +167,13 @@ def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, sch
 @pytest.mark.slow
 def test_a_run_that_several_limits_stopped_has_the_files_of_one_without(tmp_path):
     """Limits before the first step, between outputs, and in the same step."""
-    sim = mps.Simulation(catalogue.build("slump", until=0.12, **RINGS))
+    sim = mps.Simulation(mps.catalogue.build("slump", until=0.12, **RINGS))
     problem, state, (one, parts) = sim.problem, sim.state(), folders(tmp_path)
     assert recorded(one, sim) == "time"
     for limit in (1e-6, 0.052, 0.0521, 0.12):
         sim.restart(replace(problem, scene=replace(problem.scene, until=limit)), state)
         assert recorded(parts, sim) == "time"
-        found = checkpoint.read(parts.checkpoint)
+        found = mps.checkpoint.read(parts.checkpoint)
         assert found.header["time"] == parts.read_summary()["simulated_seconds"] == limit > found.state["time"]
         assert read_history(parts.history)["time_s"][-1] == Trajectory(parts.trajectory).times()[-1] == limit
         state = found.state

@@ -10,11 +10,8 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.geometry.meshes import read_mesh
-from taichi_mps.engine.problem import measures as measure
 from taichi_mps.engine.simulation.pouring import Pouring
 from taichi_mps.engine.terms.pressure import LOOSE
-from taichi_mps.input import catalogue
-from taichi_mps.io import checkpoint
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.report import drawings
 from tests.support.cube import box
@@ -54,7 +51,7 @@ def source(tmp_path_factory):
 
 @pytest.fixture
 def scene(source):
-    return catalogue.build(source)
+    return mps.catalogue.build(source)
 
 
 @pytest.mark.parametrize(
@@ -109,7 +106,7 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     assert np.ptp(layers[..., 1], axis=1).max() < 0.05 * L0
     assert np.allclose(layers[..., 0], 0.01 + L0 * np.array([-1.5, -0.5, 0.5, 1.5]), atol=0.05 * L0)
 
-    checkpoint.Checkpoint.of(sim, source).write(tmp_path / "checkpoint.h5")
+    mps.checkpoint.Checkpoint.of(sim, source).write(tmp_path / "checkpoint.h5")
     ends, steps = [], []
     sim.each_step(lambda sim: steps.append((sim.time, sim.fluid_particles)))
     for limits in ((), (start + 0.5 * interval, 0.7, 0.701)):  # which do not change the run
@@ -124,12 +121,13 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
         assert opening == pytest.approx(0.7, abs=1e-9)
         del sim.rest.reached
         ends.append(sim.state())
-        saved = checkpoint.read(tmp_path / "checkpoint.h5")
-        assert saved.header["fluid"] == checkpoint.digest(scene, checkpoint.PARTICLE_ATTRIBUTES)
+        saved = mps.checkpoint.read(tmp_path / "checkpoint.h5")
+        assert saved.header["fluid"] == mps.checkpoint.digest(scene, mps.checkpoint.PARTICLE_ATTRIBUTES)
         sim.load(saved.state)
         assert sim.fluid_particles == counts[-1]
     np.testing.assert_equal(*ends)
-    again = checkpoint.restore(tmp_path / "checkpoint.h5", scene).state()  # of another simulation, as resume makes it
+    # of another simulation, as resume makes it
+    again = mps.checkpoint.restore(tmp_path / "checkpoint.h5", scene).state()
     assert len(again["x"]) == counts[-1] > counts[0]
     np.testing.assert_equal(again, saved.state)
     for poured in (None, [], [[1, 0.0]], [[LAYERS + 1, 0.0], [0, 0.0]], [[1.0, 0.0], [0, 0.0]], [[1, -0.1], [0, 0.0]]):
@@ -142,7 +140,7 @@ def test_concrete_enters_at_its_rate_falls_freely_rests_and_resumes_bit_for_bit(
     assert summary["pour_delay_s"] == 0.0
     assert sim._volume == pytest.approx(4 * ALL * L0**2)  # what losses of volume are compared with
     s = sim.snapshot()
-    assert len(s.x) == 4 * ALL and measure.clearance(s, scene.walls) > 0.0 and s.x[:, 1].max() < 0.3
+    assert len(s.x) == 4 * ALL and mps.measure.clearance(s, scene.walls) > 0.0 and s.x[:, 1].max() < 0.3
     assert summary["filled_ratio"] > 0.3  # it would fill more than the cavity, but stands on its own
     output.append(s)
     replay = [(len(out.snapshot().x), out.snapshot()) for out in output.replay(source)]
@@ -195,13 +193,13 @@ FORM = mps.Cavity(*BOX, mps.box_planes(*BOX), 0.01)
 
 def body(where=lambda x: np.full(len(x), True)):
     x = mps.lattice(*BOX, 0.01)
-    return measure.still(x[where(x)], 0.01)
+    return mps.measure.still(x[where(x)], 0.01)
 
 
 def test_a_lattice_fills_a_form_and_a_hole_in_it_is_a_void():
     """The volume of a void is that of the hole less half a cell at each of its faces, which the particles around it
     reach."""
-    report = FORM.report(measure.still(mps.lattice(BOX[0], (0.12, 0.08, 0.12), 0.01), 0.01))
+    report = FORM.report(mps.measure.still(mps.lattice(BOX[0], (0.12, 0.08, 0.12), 0.01), 0.01))
     assert report["above_m3"] == pytest.approx(0.12 * 0.08 * 0.02)
     report = FORM.report(body())
     assert (
@@ -293,8 +291,8 @@ def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
 def test_a_mesh_in_millimetres_needs_a_scale(tmp_path):
     path = str(mps.write_bars(tmp_path / "mm.stl", [[(200.0, 50.0, 10.0), (200.0, 50.0, 400.0)]], 8.0))
     with pytest.raises(mps.SceneError, match=r"mm.stl: .* x 390 m; must .* at most 25 m long .*0.001 for a file in"):
-        catalogue.build("wall", rebar=path)
-    rebar = catalogue.build("wall", rebar=path, rebar_scale=0.001).walls[-1]
+        mps.catalogue.build("wall", rebar=path)
+    rebar = mps.catalogue.build("wall", rebar=path, rebar_scale=0.001).walls[-1]
     inside, outside = rebar.distance(np.array([(0.2, 0.05, 0.2), (0.2, 0.07, 0.2)]))
     assert inside < 0.0 and outside == pytest.approx(0.012, abs=1e-3)
 
@@ -305,16 +303,16 @@ def test_a_form_from_a_file_is_poured_through_its_opening(tmp_path):
     trough = np.vstack([box((0, 0, 0), (0.3, 0.12, 0.2)), box((0.1, 0.0, 0.2), (0.2, 0.12, 0.3))])
     meshio.write(tmp_path / "t.ply", meshio.Mesh(trough.reshape(-1, 3), [("triangle", np.arange(72).reshape(-1, 3))]))
     form = {"form": str(tmp_path / "t.ply"), "hose_diameter": 0.08}
-    scene = catalogue.build("wall", **form)
+    scene = mps.catalogue.build("wall", **form)
     (hose,) = scene.inlets
     assert hose.volume == pytest.approx(0.95 * (0.3 * 0.12 * 0.2 + 0.1 * 0.12 * 0.1), rel=1e-3)
     assert hose.centre == pytest.approx((0.15, 0.06, 0.36), abs=0.011)
     with pytest.raises(
         mps.SceneError, match=r"fill_point = \(0.05, 0.06\) m: the hose of 0.08 m must be over the open"
     ):
-        catalogue.build("wall", **form, fill_point=(0.05, 0.06))
+        mps.catalogue.build("wall", **form, fill_point=(0.05, 0.06))
     with pytest.raises(mps.SceneError, match="measure_pressure = True: has no effect with form; must be left out"):
-        catalogue.build("wall", **form, measure_pressure=True)
+        mps.catalogue.build("wall", **form, measure_pressure=True)
 
 
 @pytest.mark.slow
@@ -322,24 +320,24 @@ def test_a_hose_that_is_lowered_fits_between_the_curtains():
     """The inner sides of bars of 10 mm with 25 mm of cover are 108 mm apart, 0.2 - 2 (0.025 + 2.1 x 0.01)."""
     thin = {"spacing": 0.035, "bar_diameter": 0.01, "cover": 0.025, "length": 0.4, "hose": "moving"}
     with pytest.raises(mps.SceneError, match=r"hose_diameter = 0.12 m: must be at most 0.10[78] m, .* or hose = above"):
-        catalogue.build("wall", **thin)
-    slow = catalogue.build("wall", **thin, hose_diameter=0.105, rate=0.003)
+        mps.catalogue.build("wall", **thin)
+    slow = mps.catalogue.build("wall", **thin, hose_diameter=0.105, rate=0.003)
     assert slow.until == pytest.approx(slow.inlets[0].volume / 0.003 + 5.0)
 
 
 def test_the_wall_judges_what_lies_in_it():
     """The check of the wall passes for a form full of a lattice, as much as is poured, and fails with a particle too
     few or in the rebar."""
-    wall = catalogue.build("wall")
+    wall = mps.catalogue.build("wall")
     x = mps.lattice((0.0, 0.0, 0.0), (0.8, 0.1, 0.4), wall.spacing)
     x = x[np.min([surface.distance(x) for surface in wall.walls], axis=0) > 0.0]
     (hose,) = wall.inlets
     n = hose.layers(wall.spacing) * len(wall.inlet_layer(hose))
     assert len(x) >= n and n * wall.spacing**3 == pytest.approx(0.5 * hose.volume, rel=0.01)
-    full = measure.still(x[np.argsort(x[:, 2], kind="stable")[:n]], wall.spacing)
+    full = mps.measure.still(x[np.argsort(x[:, 2], kind="stable")[:n]], wall.spacing)
     measures = wall.measure(wall.unfold(full))
     wall.check(full, measures)
     bar = wall.outline[4].mean(0) * (1.0, -1.0, 1.0)
     for bad in (full.x[:-1], np.vstack([full.x[:-1], bar]), full.x * (1.0, 1.0, 0.8)):
         with pytest.raises(AssertionError):
-            wall.check(measure.still(bad, wall.spacing), measures)
+            wall.check(mps.measure.still(bad, wall.spacing), measures)

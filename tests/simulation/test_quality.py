@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.input import catalogue
 from tests.support.scenes import hose, parts
 
 
@@ -133,7 +132,7 @@ def test_who_reaches_the_edge_of_the_domain_is_told_which_and_what_enlarges_it()
 def test_a_thin_mix_stays_on_the_floor_of_the_slump_test(viscosity, reaches):
     """A mix of 1 Pa and 0.1 Pa s spreads to 1 m without leaving the domain, whose default ends at 0.555 m."""
     given = dict(yield_value=1.0, plastic_viscosity=viscosity, spacing=0.02, model="axisymmetric")
-    sim = mps.Simulation(replace(catalogue.build("slump", **given), measure=None))  # nothing is left at the axis
+    sim = mps.Simulation(replace(mps.catalogue.build("slump", **given), measure=None))  # nothing is left at the axis
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         sim.run(until=1.0)

@@ -4,13 +4,10 @@ Compiled without fast_math: with it one thread and a team of two run kernels in 
 same arithmetic in two ways, and on some processors it does.
 """
 
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support.child import begun
+
 RUN = """
 import hashlib, sys
 import taichi_mps as mps
@@ -53,15 +50,7 @@ print(start, end, again)
     ],
 )
 def test_same_bits_with_any_number_of_threads_and_from_a_saved_state(precision, model, spacing):
-    runs = [
-        subprocess.Popen(
-            [sys.executable, "-c", RUN, precision, threads, model, spacing],
-            cwd=ROOT,
-            text=True,
-            stdout=subprocess.PIPE,
-        )
-        for threads in ("1", "2")
-    ]
+    runs = [begun("-c", RUN, precision, threads, model, spacing) for threads in ("1", "2")]
     outputs = [run.communicate(timeout=300)[0].split() for run in runs]
     assert [run.returncode for run in runs] == [0, 0]
     (start, end, again), other = outputs[0][-3:], outputs[1][-3:]

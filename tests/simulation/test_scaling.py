@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.input import catalogue
 from tests.support.inside import in_order
 
 POWERS = {"x": 1.0, "u": 0.5, "p": 1.0, "stress": 1.0, "shear_rate": -0.5}  # of the length, in each field's scale
@@ -14,7 +13,7 @@ POWERS = {"x": 1.0, "u": 0.5, "p": 1.0, "stress": 1.0, "shear_rate": -0.5}  # of
 def cone(length, yield_value, plastic_viscosity, spacing=0.025, **settings):
     """A slump cone with all lengths times ``length``: times go as its root, stresses as it, viscosities as its power
     3/2. Parameters are those of the cone of 0.3 m."""
-    return catalogue.build(
+    return mps.catalogue.build(
         "slump",
         yield_value=length * yield_value,
         plastic_viscosity=length**1.5 * plastic_viscosity,

@@ -9,12 +9,11 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.runtime.backend import ti
-from taichi_mps.input import catalogue
 from tests.support.child import child
 
 
 def film(**keywords):
-    return mps.Simulation(catalogue.build("film", depth=0.04, spacing=0.01, until=0.05, **keywords))
+    return mps.Simulation(mps.catalogue.build("film", depth=0.04, spacing=0.01, until=0.05, **keywords))
 
 
 def steps(sim, count):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli.main import main
 from taichi_mps.study.calibrate import FIELD_OF_RESULT, calibrate, emulators_of, frictional_mix
 from taichi_mps.study.calibration import FRICTIONAL
 from taichi_mps.study.chart import engine_curves, slump_chart
@@ -252,7 +251,7 @@ def test_finer_cases_of_a_table_are_its_error_and_no_nodes():
     ("tau", "slump", "spread"), [(300, 0.2173, 0.3511), (500, 0.1799, 0.3193), (1000, 0.1015, 0.2656)]
 )
 def test_the_table_of_the_package_finds_the_yield_value_of_the_finite_elements(tau, slump, spread, capsys):
-    assert main(["calibrate", "--slump", str(slump), "--spread", str(spread), "--no-check", "--json"]) == 0
+    assert mps.main(["calibrate", "--slump", str(slump), "--spread", str(spread), "--no-check", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["yield_value"]["lower"] < tau < found["yield_value"]["upper"]
     assert found["by_viscosity"]["50.0"] == pytest.approx(tau, rel=0.06)  # 10 mm: a slump 2 to 4 mm too small
@@ -412,10 +411,10 @@ def test_a_list_counts_mixes_with_friction_apart():
 def test_the_command_told_computes_the_measured_slump(capsys):
     """The reported command is a valid run of the scene."""
     known = cone(60.0, 15.0)
-    assert main(["calibrate", "--no-check", *(f"--{name}={value}" for name, value in known.items())]) == 0
+    assert mps.main(["calibrate", "--no-check", *(f"--{name}={value}" for name, value in known.items())]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if "to run it" in line)
     words = line.split("taichi-mps ")[1].split()
-    assert main([*words, "--forecast"]) == 0
+    assert mps.main([*words, "--forecast"]) == 0
 
 
 # ---- bad input ------------------------------------------------------------------------------------------------

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli.main import main
-from taichi_mps.input import catalogue
 from taichi_mps.study import calibrate_curves as curves
 from taichi_mps.study.measured_curves import SHEAR_RATES, measures_of, read_curves
 
@@ -145,8 +143,8 @@ def test_what_a_curve_does_not_determine_is_told(tmp_path, exact):
 )
 def test_a_film_is_read_as_people_write_it(tmp_path, text, times, values, unused):
     (tmp_path / "film.csv").write_text(text, encoding="utf-8")
-    scene = catalogue.build("slump", **BODY)
-    keywords = catalogue.load("slump").parameters.model_fields
+    scene = mps.catalogue.build("slump", **BODY)
+    keywords = mps.catalogue.load("slump").parameters.model_fields
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         (curve,) = read_curves(tmp_path / "film.csv", keywords, measures_of(scene))
@@ -163,14 +161,14 @@ def test_columns_that_are_keywords_of_the_scene_make_runs_of_their_own(tmp_path)
     (tmp_path / "dams.csv").write_text(
         "column_width [mm],column_height [cm],time [s],flow [mm]\n21,4,0.1,30\n21,4,0.2,50\n30,2,0.1,20\n30,2,0.2,30\n"
     )
-    dam = catalogue.load("dam_break").parameters.model_fields
-    measured = measures_of(catalogue.build("dam_break", model="half", spacing=0.005))
+    dam = mps.catalogue.load("dam_break").parameters.model_fields
+    measured = measures_of(mps.catalogue.build("dam_break", model="half", spacing=0.005))
     first, second = read_curves(tmp_path / "dams.csv", dam, measured)
     assert first.test.settings == {"column_width": "21 mm", "column_height": "4 cm"} != second.test.settings
     assert first.values.tolist() == [0.03, 0.05] and second.times.tolist() == [0.1, 0.2]
     (tmp_path / "vane.csv").write_text("speed [rpm],steady torque [mN m]\n10,1\n20,2\n40,3\n")
-    vane = catalogue.build("vane", spacing=0.005)
-    points = read_curves(tmp_path / "vane.csv", catalogue.load("vane").parameters.model_fields, measures_of(vane))
+    vane = mps.catalogue.build("vane", spacing=0.005)
+    points = read_curves(tmp_path / "vane.csv", mps.catalogue.load("vane").parameters.model_fields, measures_of(vane))
     assert [(each.test.settings["speed"], each.values.tolist()) for each in points] == [
         ("10 rpm", [0.001]),
         ("20 rpm", [0.002]),
@@ -180,7 +178,10 @@ def test_columns_that_are_keywords_of_the_scene_make_runs_of_their_own(tmp_path)
 
 def test_names_tell_runs_apart(tmp_path):
     """Two specimens in one film are two tests of the same settings, and so are end values by name."""
-    keywords, known = catalogue.load("slump").parameters.model_fields, measures_of(catalogue.build("slump", **BODY))
+    keywords, known = (
+        mps.catalogue.load("slump").parameters.model_fields,
+        measures_of(mps.catalogue.build("slump", **BODY)),
+    )
     (tmp_path / "film.csv").write_text("test,time [s],slump [mm]\n1,0,4\n1,1,5\n2,0,6\n2,1,7\n")
     curves = read_curves(tmp_path / "film.csv", keywords, known)
     assert [(each.test.name, each.values.tolist()) for each in curves] == [
@@ -238,7 +239,7 @@ def test_what_cannot_be_is_one_line(tmp_path, capsys, text, options, message):
     (tmp_path / "c.csv").write_text(text, encoding="utf-8")
     words = ["calibrate", "slump", "--quiet", "--model", "axisymmetric", "--spacing", "0.02", *options.split()]
     words += [f"--curve={tmp_path / 'c.csv'}"] * bool(text) + [f"--out={tmp_path / 'study'}"]
-    assert main(words) == 2
+    assert mps.main(words) == 2
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1 and "table" not in said
 
@@ -264,7 +265,7 @@ def test_the_engine_finds_its_own_constants(tmp_path, monkeypatch, capsys):
     (tmp_path / "c.csv").write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     words = "calibrate slump --curve c.csv --model axisymmetric --spacing 0.02 --no-check --yield-stress 800 --out s"
-    assert main([*words.split(), "--workers=1"]) == 0
+    assert mps.main([*words.split(), "--workers=1"]) == 0
     told = json.loads((tmp_path / "s" / "calibration.json").read_text(encoding="utf-8"))
     for name, value in TRUE.items():
         assert told["constants"][name]["value"] == pytest.approx(value, rel=0.03)

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import taichi_mps as mps
-from taichi_mps.cli.main import main
 from taichi_mps.study import measured_mixes, tables
 from taichi_mps.study.calibrate import Measurements, calibrate
 from taichi_mps.study.measured_mixes import (
@@ -83,14 +82,14 @@ def test_each_line_gets_its_verdict(found):
     ],
 )
 def test_options_that_a_list_cannot_have_are_refused(tmp_path, capsys, options, said):
-    assert main(["calibrate", *(word.format(written(tmp_path)) for word in options)]) == 2
+    assert mps.main(["calibrate", *(word.format(written(tmp_path)) for word in options)]) == 2
     assert said in capsys.readouterr().err and len(list(tmp_path.iterdir())) == 1
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_first_mix(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
     monkeypatch.setattr(measured_mixes, "calibrate_list", lambda *_: pytest.fail("computes before"))
-    assert main(["calibrate", "--table", str(written(tmp_path))]) == 2
+    assert mps.main(["calibrate", "--table", str(written(tmp_path))]) == 2
     assert "mixes-calibrated.csv: must be a CSV file in a folder that is there and can be" in capsys.readouterr().err
 
 
@@ -102,7 +101,7 @@ def test_the_command_writes_table_and_chart_and_overwrites_nothing(tmp_path, cap
         "mix,Mini-cone [cm],V funnel [s],yield_value [Pa],slump\nboth,9,6,,\nknown,,6,60,\nnone,,,60,\nword,,,,soft\n"
     )
     command = ["calibrate", "--table", str(written(tmp_path, text))]
-    assert main(command) == 0
+    assert mps.main(command) == 0
     with open(tmp_path / "mixes-calibrated.csv", newline="") as file:
         both, known, none, word = csv.DictReader(file)
     assert float(both["yield_value_found"]) == pytest.approx(exact.yield_value.value, rel=1e-4)
@@ -112,7 +111,7 @@ def test_the_command_writes_table_and_chart_and_overwrites_nothing(tmp_path, cap
     assert "has no measurement" in none["reason"] and word["reason"].startswith("slump = soft")
     assert "2 fitted" in capsys.readouterr().out
     assert (tmp_path / "mixes-calibrated.png").is_file()
-    assert main(command) == 2 and "is there already" in capsys.readouterr().err
+    assert mps.main(command) == 2 and "is there already" in capsys.readouterr().err
 
 
 def test_the_chart_joins_each_mix_with_its_model(found, monkeypatch):
@@ -278,7 +277,7 @@ def test_any_list_is_refused_in_one_line_or_gives_every_row_a_verdict(tmp_path_f
 
 def test_a_sheet_without_the_extra_says_how_to_get_it(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(tables, "find_spec", lambda name: None)
-    assert main(["calibrate", "--table", str(written(tmp_path, sheet(["slump"], [0.2])))]) == 2
+    assert mps.main(["calibrate", "--table", str(written(tmp_path, sheet(["slump"], [0.2])))]) == 2
     needs = "an Excel sheet needs openpyxl: pip install 'taichi-mps[excel]', or save it as CSV"
     assert capsys.readouterr().err.endswith(f"mixes.csv: {needs}\n")
 
@@ -300,7 +299,7 @@ def test_what_a_list_cannot_say_is_told_and_its_own_columns_are_kept(tmp_path, c
         "A,180,320,,30,good,-1,1,x,@SUM(A1)\nA,180,320,3,5,30,,1,,,\nA,180\n#4,,,,,,,,,-5\n"
     )
     path = written(tmp_path, text)
-    assert main(["calibrate", "--table", str(path)]) == 0
+    assert mps.main(["calibrate", "--table", str(path)]) == 0
     told = capsys.readouterr().err
     assert "not used, but kept: 'mix', 'SF [kg/m3]', 'verdict (given)', 'reason (given)', 'yield_val" in told
     assert "refused: A: line 3 has 11 cells, the header has 10: A,180,320,3,5,30,,1,,,; a number with a decimal" in told
@@ -344,7 +343,7 @@ def test_a_list_is_looked_up_in_a_study(tmp_path):
 @pytest.mark.parametrize(("rows", "code"), [("A,5,5\nB,,\n", 1), ("A,5,5\nB,18,32\n", 0)])
 def test_a_list_of_which_every_row_is_refused_is_a_failure(tmp_path, rows, code):
     path = written(tmp_path, f"mix,slump [cm],spread [cm]\n{rows}")
-    assert main(["calibrate", "--table", str(path)]) == code
+    assert mps.main(["calibrate", "--table", str(path)]) == code
 
 
 def test_the_density_of_a_list_counts_as_the_option_does(tmp_path):

@@ -6,8 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli import study as commands
-from taichi_mps.cli.main import main
 from taichi_mps.study.chart import borders_chart
 from taichi_mps.study.require import Border, Wanted, bracket, find_borders, next_mixes
 
@@ -95,10 +93,10 @@ def test_the_command_gives_borders_and_slumps(tmp_path, monkeypatch, capsys):
         return [border], [{"scene": "wall", "status": "done", "yield_value": 200.0, "plastic_viscosity": 20.0,
                            "filled_ratio": 1.0}]  # fmt: skip
 
-    monkeypatch.setattr(commands, "find_borders", found)
+    monkeypatch.setattr("taichi_mps.cli.study.find_borders", found)
     words = ["require", "wall", "--time", "20s", "--workers", "2", "--spacing", "25mm", "--out", str(tmp_path)]
-    assert main(words) == 0 and str(border) in capsys.readouterr().out
-    assert main([*words, "--json"]) == 0
+    assert mps.main(words) == 0 and str(border) in capsys.readouterr().out
+    assert mps.main([*words, "--json"]) == 0
     (facts,) = json.loads(capsys.readouterr().out)
     assert facts["fills_up_to"] == 200.0 and facts["slumps_m"] == [list(pair) for pair in border.slumps_m]
     assert told[0] == ("wall", 20.0, "local", 2, {"spacing": "25mm"}) and (tmp_path / "require.png").is_file()

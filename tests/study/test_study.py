@@ -21,18 +21,14 @@ from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.engine.problem.time_step import longest_step
 from taichi_mps.engine.runtime.memory import ShortOfMemoryError
 from taichi_mps.forecast.accuracy import choices
-from taichi_mps.input import catalogue
 from taichi_mps.study import case as cases
 from taichi_mps.study import sweep
 from taichi_mps.study.reuse import begin, shape_of
 from taichi_mps.study.sweep import ACCURACY, LOST, run_cases, run_side_by_side, values
 from taichi_mps.study.sweep import cases as combinations
 from taichi_mps.study.tables import open_results, read
-from taichi_mps.units import SceneError
 from tests.support import study_cases
-from tests.support.child import begun
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support.child import ROOT, begun
 
 
 # ---- what is to be computed ------------------------------------------------------------------------------------
@@ -44,7 +40,7 @@ def test_values_in_equal_ratios_and_equal_steps():
 
 @pytest.mark.parametrize("text", ["1:2", "1:2:1", "1:2:x", "0:2:3", "1:2:3:log", "1:inf:3", "1:2:3:linear:4"])
 def test_bad_values_are_refused(text):
-    with pytest.raises(SceneError, match=f"yield_value = {text}: "):
+    with pytest.raises(mps.SceneError, match=f"yield_value = {text}: "):
         values(text, "yield_value")
 
 
@@ -55,9 +51,9 @@ def test_a_key_is_the_scene_and_all_its_parameters(tmp_path):
     )
     assert known.key != cases.case_of("slump", yield_value=301.0).key
     changed = tmp_path / "slump.py"
-    changed.write_text(Path(catalogue.locate("slump")).read_text() + "\n")
+    changed.write_text(Path(mps.catalogue.locate("slump")).read_text() + "\n")
     assert known.key != cases.case_of(str(changed), yield_value=300.0).key
-    with pytest.raises(SceneError, match="yield_value = -1 Pa"):
+    with pytest.raises(mps.SceneError, match="yield_value = -1 Pa"):
         cases.case_of("slump", yield_value=-1)
     bars, keys = tmp_path / "bars.stl", set()
     for text in ("one", "another"):
@@ -214,16 +210,20 @@ def test_the_cases_of_a_dask_worker_that_is_killed_are_computed_by_the_other(tmp
 
 
 def test_one_study_at_a_time_and_no_foreign_folder(tmp_path):
-    with open_results(tmp_path / "s"), pytest.raises(SceneError, match="another study"), open_results(tmp_path / "s"):
+    with (
+        open_results(tmp_path / "s"),
+        pytest.raises(mps.SceneError, match="another study"),
+        open_results(tmp_path / "s"),
+    ):
         pass
     (tmp_path / "other.txt").write_text("mine\nyours")
-    with pytest.raises(SceneError, match="holds other files"), open_results(tmp_path):
+    with pytest.raises(mps.SceneError, match="holds other files"), open_results(tmp_path):
         pass
     for line in ("nonsense", '{"key": "b"}', '{"status": "done"}'):
         (tmp_path / "s" / "journal.jsonl").write_text('{"key": "a", "status": "done"}\n' + line + "\n")
-        with pytest.raises(SceneError, match="line 2 is no row"), open_results(tmp_path / "s"):
+        with pytest.raises(mps.SceneError, match="line 2 is no row"), open_results(tmp_path / "s"):
             pass
-    with pytest.raises(SceneError, match="other.txt: has no column status"):
+    with pytest.raises(mps.SceneError, match="other.txt: has no column status"):
         read(tmp_path / "other.txt")
 
 
@@ -242,7 +242,7 @@ def test_the_tables_hold_text_beside_numbers_and_what_is_missing(tmp_path):
 
 @pytest.mark.parametrize("name", ["dask", "dask://", "dask://host", "dask://host:port", "ssh://there", "4"])
 def test_an_executor_that_is_none_is_refused(tmp_path, name):
-    with pytest.raises(SceneError, match=f"executor = {re.escape(name)}: must be"):
+    with pytest.raises(mps.SceneError, match=f"executor = {re.escape(name)}: must be"):
         run_cases([], tmp_path / "s", executor=name)
     assert not (tmp_path / "s").exists()
 
@@ -257,7 +257,7 @@ def test_the_chart_of_a_study_names_unit_and_values_and_leaves_out_what_failed(m
     assert axes.get_xlabel() == "yield stress [Pa]" and axes.get_ylabel() == "slump [cm]"
     assert axes.lines[0].get_xydata() == pytest.approx(np.array([[200.0, 30.0], [250.0, 24.0]]))
     assert list(axes.get_xticks()) == [200.0, 250.0]
-    with pytest.raises(SceneError, match="needs a case that is done"):
+    with pytest.raises(mps.SceneError, match="needs a case that is done"):
         chart.study_chart([failed], ["yield_value"], "no.png")
 
 
@@ -267,7 +267,7 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
     """Half the density, viscosity and yield stress are the same motion under gravity to the last bit, since every
     number of the material reaches kernels compiled for another one. A row has all measures, those of the course
     included."""
-    text = Path(catalogue.locate("film")).read_text()
+    text = Path(mps.catalogue.locate("film")).read_text()
     over_time = "over_time=lambda h: {'steps_s': float(len(h['time_s']))}"
     film, shape = tmp_path / "slow.py", {"depth": 0.04, "spacing": 0.01, "until": 0.05}
     film.write_text(text.replace("measure=measure,", f"measure=measure, {over_time},"))
@@ -280,7 +280,7 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
         assert rows[0][name] == rows[3][name] == pytest.approx(rows[2][name], rel=1e-9), name
     assert rows[1]["surface_speed_m_s"] > 1.1 * rows[0]["surface_speed_m_s"] > 0.0
     assert rows[0]["steps_s"] == rows[0]["steps"] + 1
-    sim = begin(catalogue.build(str(film), plastic_viscosity=20, density=2000, **shape))
+    sim = begin(mps.catalogue.build(str(film), plastic_viscosity=20, density=2000, **shape))
     height = np.ptp(sim.scene.fluid[:, 1]) + 0.01
     assert sim.scheme.constants.time_step.longest == longest_step(0.01, 9.81, height, 0.01)  # what similarity leaves
     failed = cases.run_case(cases.case_of("slump", lift_speed=0.1, model="quarter", spacing=0.03))
@@ -289,7 +289,7 @@ def test_materials_of_one_law_share_their_kernels(tmp_path):
 
 @pytest.mark.slow
 def test_a_run_of_a_study_tells_its_warnings_in_its_row_and_not_on_the_screen(tmp_path, recwarn):
-    text = Path(catalogue.locate("film")).read_text().replace("measure=measure", "measure=lambda s: {'odd': 'x'}")
+    text = Path(mps.catalogue.locate("film")).read_text().replace("measure=measure", "measure=lambda s: {'odd': 'x'}")
     (tmp_path / "odd.py").write_text(text)
     row = cases.run_case(cases.case_of(str(tmp_path / "odd.py"), spacing=0.02, until=0.002))
     assert row["status"] == "done" and "odd = x is no number" in row["reason"]
@@ -312,7 +312,7 @@ class Imagined(mps.Bingham):
 
 def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
     """Two mixes share kernels only where their numbers differ in those that the law's kernels read from a field."""
-    scene = catalogue.build("slump", spacing=0.05, model="axisymmetric")
+    scene = mps.catalogue.build("slump", spacing=0.05, model="axisymmetric")
 
     def key(numerics=None, kind=Imagined, **numbers):
         return shape_of(Problem(replace(scene, material=kind(**numbers)), numerics))

@@ -5,8 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.measures import Snapshot
-from taichi_mps.input import catalogue
 from taichi_mps.io.history import RESIDUALS
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
@@ -43,7 +41,9 @@ class Falling:
         n, d = x.shape
         zero, wall = np.zeros(n), np.zeros((0, d))
         u = np.tile(self.scene.gravity_vector * self.time, (n, 1))
-        return Snapshot(self.time, self.scene.spacing, x, u, zero, zero, np.arange(n) % 2 == 0, zero + 1.0, wall)
+        return mps.measure.Snapshot(
+            self.time, self.scene.spacing, x, u, zero, zero, np.arange(n) % 2 == 0, zero + 1.0, wall
+        )
 
     def measures(self):
         return self.scene.measure(self.snapshot())
@@ -65,7 +65,7 @@ class Falling:
 def recorded(path, steps, end="", scene=None, overwrite=False):
     """(folder, stand-in, recorder) after that many steps of a coarse slump cone or another scene, whole if it has ended
     by something."""
-    folder, sim = RunFolder(path), Falling(scene or catalogue.build("slump", spacing=0.05, until=1.0))
+    folder, sim = RunFolder(path), Falling(scene or mps.catalogue.build("slump", spacing=0.05, until=1.0))
     folder.create(overwrite)
     recorder = Recorder(folder, sim, 0.01, "slump", {"every": 0.01})
     recorder.record_output(sim)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.input import catalogue
 
 
 def parts(d=2, **changes) -> dict:
@@ -31,7 +30,7 @@ def hose(**changes) -> mps.Inlet:
 def two_mixes(lower, upper, **changes) -> mps.Scene:
     """The scene film, ten rows of ``lower``, and a hose of ``upper`` that opens long after the end."""
     spacing = 0.01
-    scene = catalogue.build("film", spacing=spacing)
+    scene = mps.catalogue.build("film", spacing=spacing)
     (left, bottom), (right, top) = scene.domain
     hose = mps.Inlet((0.5 * (left + right), top), (0.0, -1.0), 2 * spacing, 1e-3, 4 * spacing**2, 100.0, upper)
     domain = ((left, bottom), (right, top + 2 * spacing))

@@ -8,7 +8,6 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.input import catalogue
 
 DEPTH, DENSITY = 0.1, 2300.0
 
@@ -38,10 +37,10 @@ def growth_of(rate, structure):
 def test_film_of_a_law(numbers, within):
     """The film of a law has the exact profile of the scene within its bound, and clearly not that of Bingham's law."""
     mix = {"density": DENSITY, "yield_value": 100.0, "spacing": DEPTH / 20}
-    sim = mps.Simulation(catalogue.build("film", **mix, **numbers))
+    sim = mps.Simulation(mps.catalogue.build("film", **mix, **numbers))
     sim.run(until=8.0)  # four times rho H^2 over the apparent viscosity on the floor, at n = 0.5
     error = sim.measures()["velocity_error"]
-    bingham = catalogue.build("film", **mix, plastic_viscosity=60.0).measure(sim.snapshot())["velocity_error"]
+    bingham = mps.catalogue.build("film", **mix, plastic_viscosity=60.0).measure(sim.snapshot())["velocity_error"]
     assert error < within and bingham > 3.0 * error, (error, bingham)
 
 
@@ -64,7 +63,7 @@ def test_film_of_a_law(numbers, within):
 def test_the_exact_film_of_the_scene_is_the_integral_of_the_shear_rate(law, integral):
     """The exact velocity at the surface is the integral of the shear rate under the weight of 5 kPa/m, and 0 at the
     floor."""
-    film_velocity = runpy.run_path(str(catalogue.names()["film"]))["film_velocity"]
+    film_velocity = runpy.run_path(str(mps.catalogue.names()["film"]))["film_velocity"]
     u = film_velocity(np.array([0.0, DEPTH]), DEPTH, 5000.0, law)
     np.testing.assert_allclose(u, [0.0, integral / 5000.0], rtol=1e-6, atol=1e-12)
 
@@ -74,7 +73,7 @@ def test_a_thixotropic_law_of_ones_own_comes_to_rest():
     law = mps.FlowCurve(
         density=DENSITY, yield_value=200.0, typical_slope=30.0, shear_stress=stress_of, growth=growth_of
     )
-    scene = replace(catalogue.build("film", spacing=DEPTH / 10), material=law, check=None, measure=None)
+    scene = replace(mps.catalogue.build("film", spacing=DEPTH / 10), material=law, check=None, measure=None)
     weight = DENSITY * scene.gravity_vector[0]  # along the slope [N/m3]
     stands = 0.5 * (weight * DEPTH / 200.0 - 1.0)  # [s]
     assert 0.3 < stands < 1.5
@@ -91,7 +90,7 @@ def test_ten_minutes_at_rest_are_few_steps_and_an_age():
     """300 Pa that grow by 0.5 Pa/s are 600 Pa after 600 s without weight, in the mould; what then falls is the mix of
     an age of 600 s."""
     wait, thixotropic = 600.0, {"yield_value": 300.0, "structuration": 0.5, "destructuration": 0.0}
-    cone = catalogue.build("slump", model="axisymmetric", spacing=0.02, until=wait + 1.0, age=wait, **thixotropic)
+    cone = mps.catalogue.build("slump", model="axisymmetric", spacing=0.02, until=wait + 1.0, age=wait, **thixotropic)
     sim = mps.Simulation(cone)
     aged = sim.state()
     np.testing.assert_allclose(aged["structure"], 1.0)
@@ -113,7 +112,7 @@ def test_a_thixotropic_film_follows_its_closed_form():
     lambda) tau_y)/k, d lambda/dt = A/tau_y - alpha u' lambda of its own: within 1 % at 20 across."""
     tau_y, k, growing, undone, until = 100.0, 100.0, 10.0, 0.5, 4.0
     mix = {"density": DENSITY, "yield_value": tau_y, "plastic_viscosity": k}
-    scene = catalogue.build(
+    scene = mps.catalogue.build(
         "film", **mix, structuration=growing, destructuration=undone, spacing=DEPTH / 20, until=until
     )
     sim = mps.Simulation(scene)

@@ -10,7 +10,6 @@ from scipy.spatial.distance import pdist
 import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.engine.terms.shifting import is_uneven
-from taichi_mps.input import catalogue
 
 SPACING = 0.02
 WIDTH, HEIGHT = 0.4, 0.3
@@ -61,7 +60,7 @@ def test_a_lattice_stays_where_it_is(plane):
 
 def test_few_rings_in_layers_stay_where_they_are():
     """The cone of a lifted mould, ten rings below and five above whose layers do not match, is not relaxed."""
-    fluid = catalogue.build("slump", spacing=SPACING, lift_speed=0.5).fluid
+    fluid = mps.catalogue.build("slump", spacing=SPACING, lift_speed=0.5).fluid
     material = mps.Bingham(density=2300.0, plastic_viscosity=50.0, yield_value=20000.0)
     sim = mps.Simulation(mps.Scene("rings", material, SPACING, fluid, ((-0.2, -0.2, -0.1), (0.2, 0.2, 0.4))))
     sim.neighbors.search()

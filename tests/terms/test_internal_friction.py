@@ -4,7 +4,6 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
-from taichi_mps.input import catalogue
 
 
 @pytest.fixture(scope="module")
@@ -13,7 +12,7 @@ def film():
 
     def problem(yield_value, friction_angle):
         mix = {"plastic_viscosity": 50.0, "yield_value": yield_value, "friction_angle": friction_angle}
-        return Problem(catalogue.build("film", **mix, angle=10.0, spacing=0.01))
+        return Problem(mps.catalogue.build("film", **mix, angle=10.0, spacing=0.01))
 
     sim = mps.Simulation(problem(0.0, 5.0))
     start = sim.state()

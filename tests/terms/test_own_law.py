@@ -8,7 +8,6 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.engine.runtime.backend import ti
 from taichi_mps.engine.terms.rheology import OwnLaw
-from taichi_mps.input import catalogue
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -81,7 +80,7 @@ def one(rate, structure):
 
 def film(law, growth=None):
     material = mps.FlowCurve(density=2300.0, yield_value=40.0, typical_slope=20.0, shear_stress=law, growth=growth)
-    return replace(catalogue.build("film", angle=15.0, spacing=0.02), material=material, check=None, measure=None)
+    return replace(mps.catalogue.build("film", angle=15.0, spacing=0.02), material=material, check=None, measure=None)
 
 
 @pytest.mark.parametrize(

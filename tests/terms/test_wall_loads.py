@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.input import catalogue
 
 LOADS = mps.Implicit(wall_loads=True)
 CONVERGED = mps.Implicit(wall_loads=True, passes=40, tolerance=1e-4)
@@ -97,7 +96,7 @@ def test_torque_of_circular_couette_flow():
 @pytest.mark.long
 def test_the_torques_on_all_walls_are_what_the_angular_momentum_loses():
     """A vane turns in a cup of Bingham paste, whose plug is stiff against hourglass modes."""
-    sim = mps.Simulation(catalogue.build("vane", spacing=0.004))
+    sim = mps.Simulation(mps.catalogue.build("vane", spacing=0.004))
 
     def angular_momentum(sim):
         s = sim.snapshot()
@@ -114,7 +113,7 @@ def test_the_torques_on_all_walls_are_what_the_angular_momentum_loses():
 def test_a_slow_paste_with_a_flow_curve_converges_in_a_full_vessel():
     """Most of the paste stands between a cylinder and its cup, which bear the same torque."""
     paste = {"yield_value": 7.48, "consistency": 1.655, "flow_index": 0.676, "density": 1900.0}
-    sim = mps.Simulation(catalogue.build("vane", body="cylinder", spacing=0.004, speed=0.06, **paste))
+    sim = mps.Simulation(mps.catalogue.build("vane", body="cylinder", spacing=0.004, speed=0.06, **paste))
     for _ in range(25):
         report = sim.step()
     torque = {name: load.torque[-1] for name, load in sim.snapshot().loads.items()}
@@ -148,7 +147,7 @@ def test_what_turns_with_its_vessel_is_not_held_back():
 def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
     """The floor of a part of the cone carries the weight less the gain of momentum, without a force along it or a
     torque."""
-    sim = mps.Simulation(catalogue.build("slump", spacing=0.025, model=model), CONVERGED)
+    sim = mps.Simulation(mps.catalogue.build("slump", spacing=0.025, model=model), CONVERGED)
     sim.step()
     copies = 4 if model == "quarter" else 1
     upward = copies * gained(sim, momentum)[-1]

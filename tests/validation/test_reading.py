@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.input import catalogue
 from validation import columns, curved, flows
 from validation.vortices import fitted, stream_function
 
@@ -61,7 +60,7 @@ def test_closed_forms_are_those_of_the_references():
     """The closed forms of the bi-viscous channel, the film of the scene, and pipe and circular Couette flow of 50 Pa s
     are those of the references."""
     known = columns("B_poiseuille_bingham_biviscosity.csv")
-    film_velocity = runpy.run_path(str(catalogue.names()["film"]))["film_velocity"]
+    film_velocity = runpy.run_path(str(mps.catalogue.names()["film"]))["film_velocity"]
     for eta, tau_y, knee_rate, weight, y, bingham, bi_viscosity, *_ in zip(*known.values(), strict=True):
         height = np.array(0.05 - abs(y))  # the table measures from the surface of a film 0.05 m deep
         ours = flows.profile(height, weight, eta, tau_y, 0.05, knee_rate)

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.runtime import backend
-from taichi_mps.input import catalogue
 from taichi_mps.study import chart
 from tests.support.inside import find
 from validation import SLUMP_ERROR, Measured, Setting, cases, flows, simulate, standing, table
@@ -78,7 +76,7 @@ def test_a_row_meets_its_targets_but_for_what_is_known_to_miss(scheme, name, set
     """A row, compiled and run as by `python -m validation`, misses exactly the targets that MISSED names, but for what
     another processor MAY_MEET."""
     result = table.run_row(name, scheme)
-    backend.init(arch="cpu", precision="f64", threads=1)  # as the other tests of this file
+    mps.backend.init(arch="cpu", precision="f64", threads=1)  # as the other tests of this file
     assert result["error"] is None and result["numbers"]
     known = {part: most for (*row, part), most in MISSED.items() if row == [scheme, name]}
     for number in result["numbers"]:
@@ -228,7 +226,7 @@ def test_walls_that_move_or_that_no_lattice_can_follow_are_refused(papers):
 
 def test_a_budget_stops_a_run_and_says_where(papers):
     Setting.budget = 1e-9
-    sim = simulate(catalogue.build("film", spacing=0.01))
+    sim = simulate(mps.catalogue.build("film", spacing=0.01))
     with pytest.raises(TimeoutError, match=r"at t = 8\.36e-05 s: 1e-09 CPU-s spent"):
         sim.run()
     assert sim.steps == 1

@@ -9,8 +9,6 @@ import pytest
 from PIL import Image
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.measures import still
-from taichi_mps.input import catalogue
 from taichi_mps.viz import overlay
 from taichi_mps.viz.body import contour, profile, smooth_surface, surface_of
 from taichi_mps.viz.render import Renderer
@@ -29,7 +27,7 @@ def enclosed(x, triangles, normals):
 @pytest.mark.parametrize("spacing", [0.01, 0.02])
 def test_rings_of_a_cylinder_have_its_outline(spacing):
     x = mps.fill_rings(mps.Cone(0.1, 0.1, 0.2), spacing)
-    points, normals, parts = contour(still(x, spacing), 0.0)
+    points, normals, parts = contour(mps.measure.still(x, spacing), 0.0)
     side, top = points[(points[:, 1] < 0.15)], points[points[:, 0] < 0.05]
     np.testing.assert_allclose(side[:, 0], 0.1, atol=0.05 * spacing)
     np.testing.assert_allclose(top[:, 1], 0.2, atol=0.05 * spacing)
@@ -49,19 +47,19 @@ def test_a_point_that_no_particle_reaches_has_finite_fields(monkeypatch):
         return SimpleNamespace(mesh=whole.mesh, point_attributes=given), grid
 
     monkeypatch.setattr(pysplashsurf, "reconstruction_pipeline", gaps)
-    s, normals, _ = smooth_surface(still(mps.fill(mps.Cone(0.1, 0.1, 0.1), 0.02), 0.02))
+    s, normals, _ = smooth_surface(mps.measure.still(mps.fill(mps.Cone(0.1, 0.1, 0.1), 0.02), 0.02))
     assert all(np.isfinite(values).all() for values in (s.u, s.shear_rate, s.p, normals))
 
 
 def test_a_ring_alone_is_drawn_and_nothing_is_below_the_floor():
-    points, _, _ = contour(still([[0.1, 0.005]], 0.01), 0.0)
+    points, _, _ = contour(mps.measure.still([[0.1, 0.005]], 0.01), 0.0)
     assert np.abs(points[:, 0] - 0.1).max() < 0.01 and points[:, 1].min() == 0.0
 
 
 @pytest.mark.parametrize("model", ["axisymmetric", "quarter", "full"])
 def test_at_the_start_the_body_is_the_mould(model):
     scene = mps.slump_cone(model=model, spacing=0.02)
-    start = still(scene.fluid, 0.02)
+    start = mps.measure.still(scene.fluid, 0.02)
     s, normals, triangles = surface_of(scene, start, 0.6, ())
     assert enclosed(s.x, triangles, normals) == pytest.approx(scene.mould.volume, rel=2e-3)  # of 72 sides
     found = scene.measure(scene.unfold(start))
@@ -72,7 +70,7 @@ def test_at_the_start_the_body_is_the_mould(model):
 
 def test_rings_that_have_moved_keep_the_slope_of_the_mould():
     scene = mps.slump_cone(model="axisymmetric")
-    line, _, _ = profile(scene, replace(still(scene.fluid, 0.01), time=1e-3))
+    line, _, _ = profile(scene, replace(mps.measure.still(scene.fluid, 0.01), time=1e-3))
     at = line.x[(line.x[:, 1] > 0.03) & (line.x[:, 1] < 0.27)]
     np.testing.assert_allclose(at[:, 0], 0.1 - at[:, 1] / 6.0, atol=1.5e-3)  # steps of the lattice are 10 mm
 
@@ -100,7 +98,7 @@ def test_no_arrow_is_drawn_for_what_has_no_length():
 
 
 def test_the_lengths_of_an_l_box_begin_at_its_walls():
-    scene = catalogue.build("l_box", spacing=0.02)
+    scene = mps.catalogue.build("l_box", spacing=0.02)
     _, found = shown(scene, front_m=0.6, h1_m=0.1, h2_m=0.05)
     ends = {one["text"].split()[-3]: (one["a"], one["b"]) for one in found}
     assert ends["front"][0][0] == 0.0 and ends["front"][1][0] == 0.6

@@ -10,9 +10,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.cli import run as show
-from taichi_mps.engine.problem.measures import still
 from taichi_mps.engine.simulation.frame import Frame
-from taichi_mps.input import catalogue
 from taichi_mps.io import vtu as export
 from taichi_mps.viz import painter, render
 from taichi_mps.viz.beads import Beads
@@ -24,7 +22,7 @@ RED, GREEN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
 
 def snapshot(scene, **changes):
-    start = still(scene.fluid, scene.spacing)
+    start = mps.measure.still(scene.fluid, scene.spacing)
     return replace(start, **{key: np.broadcast_to(value, getattr(start, key).shape) for key, value in changes.items()})
 
 
@@ -159,7 +157,7 @@ def test_ranges_come_from_the_scene(body):
 
 
 def test_a_two_dimensional_scene_is_drawn_in_its_plane_between_its_walls():
-    scene = catalogue.build("dam_break", spacing=0.02, column_width=0.2)
+    scene = mps.catalogue.build("dam_break", spacing=0.02, column_width=0.2)
     renderer = render.Renderer(scene, **SIZE)
     np.testing.assert_allclose(renderer.low, (0.0, 0.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(renderer.high, (0.8, 0.0, 0.4))
@@ -238,7 +236,7 @@ def test_triangles_that_share_edges_leave_no_hole_and_cover_their_area(camera):
 
 
 def test_a_scene_in_the_plane_has_no_surface_and_shows_particles(tmp_path):
-    plane = catalogue.build("dam_break", spacing=0.05)
+    plane = mps.catalogue.build("dam_break", spacing=0.05)
     assert render.Renderer(plane, **SIZE).beads
     with pytest.raises(mps.SceneError, match="surface: the scene is a plane one; must have three dimensions"):
         export.vtu([Frame(plane, snapshot(plane))], tmp_path / "vtu", smooth=True)

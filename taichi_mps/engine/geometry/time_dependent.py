@@ -110,10 +110,6 @@ class Moving:
         stopped = self.in_time is not None and time >= self.in_time.last and not np.any(self.in_time.values[-1])
         return 0.0 if stopped and not getattr(self, "angular_velocity", 0.0) else self.speed
 
-    def travels_at(self, time) -> bool:
-        """Whether the wall changes its position at a time [s] or later."""
-        return bool(np.any(self.travel)) and self.speed_at(time) > 0.0
-
 
 @validated
 def vibration(

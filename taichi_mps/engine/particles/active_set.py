@@ -19,32 +19,6 @@ MIN_EXCLUDED_FRACTION = 0.2  # fraction of the particles that must be at rest, a
 MAX_CELL_DISTANCE = 4  # cells from a moving particle: 0 and 1 active, 2 boundary, 3 halo, from here on excluded
 
 
-class AllActive:
-    """The active set of a scene in which no part stands while the rest flows: all particles, in every step."""
-
-    is_full_step, left_out, mean_part_left_out, rest_fraction = True, 0, 0.0, 0.0
-
-    def __init__(self, neighbors):
-        self.neighbors = neighbors
-
-    def search(self, is_read: bool) -> None:
-        """List the neighbours of all rows."""
-        self.neighbors.search()
-
-    def end_step(self, dt: float) -> None:
-        """No counters."""
-
-    def reactivate(self) -> None:
-        """All particles are active."""
-
-    def state(self) -> dict:
-        """No state."""
-        return {}
-
-    def load(self, state: dict) -> None:
-        """No state."""
-
-
 @ti.data_oriented
 class ActiveSet:
     """Set of the rows that a step computes. ``standstill`` judges particles: ``is_at_rest(i)``, ``would_move(i)``,

@@ -144,17 +144,13 @@ class Problem:
         walls = [w for w in self.scene.walls if w.speed == 0.0 or w.speed_at(time) > 0.0]
         return max((w.speed + float(norm(w.fastest - self.frame) - norm(w.fastest)) for w in walls), default=0.0)
 
-    @property
-    def wall_speed(self) -> float:
-        """Largest speed of a wall in the ``frame`` [m/s]."""
-        return self.wall_speed_at(0.0)
-
     @cached_property
     def speed(self) -> float:
         """Largest prescribed speed, of the fluid at 0 s, of a wall or of a jolt, in the ``frame`` [m/s]."""
         velocity = self.scene.expected.velocity
         moved = np.atleast_2d(-self.frame if velocity is None else velocity - self.frame)
-        return max(float((moved**2).sum(1).max() ** 0.5), self.wall_speed, self.scene.jolted(self.scene.expected.fluid))
+        jolted = self.scene.jolted(self.scene.expected.fluid)
+        return max(float((moved**2).sum(1).max() ** 0.5), self.wall_speed_at(0.0), jolted)
 
     @cached_property
     def gravity(self) -> float:

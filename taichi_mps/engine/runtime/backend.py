@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...units import Arch, Count, Flag, SceneError, T, validated
+from ...units import Arch, Count, Flag, SceneError, T, require, validated
 from .caches import kernels
 from .memory import ShortOfMemoryError, left_by_process_limits, size
 from .workarounds import LANGUAGE, OPTIONS, compiled_now, for_kernels, in_own_memory, is_for_kernels, sine_by_f32, ti
@@ -102,8 +102,10 @@ def init(
     global _session
     if _session and _session.process != os.getpid():
         raise RuntimeError(FORKED)
-    if arch == "vulkan" and precision == "f64":
-        raise SceneError("precision = f64: must be f32 on arch = vulkan, which has no sine or power of f64")
+    require(
+        (arch, precision) != ("vulkan", "f64"),
+        "precision = f64: must be f32 on arch = vulkan, which has no sine or power of f64",
+    )
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     needed = ADDRESS_SPACE + threads * ADDRESS_SPACE_PER_THREAD

@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from types import SimpleNamespace
 
-from ...units import SceneError
+from ...units import require
 from .caches import set_cache_folders
 
 LANGUAGES = "taichi", "quadrants"
@@ -33,10 +33,8 @@ def chosen_language() -> str:
     """Name of the kernel language: TAICHI_MPS_KERNELS, else Taichi if it is installed, else Quadrants."""
     installed = [name for name in LANGUAGES if find_spec(name)]
     name = os.environ.get("TAICHI_MPS_KERNELS") or (installed or LANGUAGES)[0]
-    if name not in LANGUAGES:
-        raise SceneError(f"TAICHI_MPS_KERNELS = {name}: must be {' or '.join(LANGUAGES)}")
-    if name not in installed:
-        raise SceneError(f"TAICHI_MPS_KERNELS = {name}: is not installed; pip install {name}")
+    require(name in LANGUAGES, f"TAICHI_MPS_KERNELS = {name}: must be {' or '.join(LANGUAGES)}")
+    require(name in installed, f"TAICHI_MPS_KERNELS = {name}: is not installed; pip install {name}")
     return name
 
 

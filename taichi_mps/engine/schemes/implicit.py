@@ -8,7 +8,7 @@ are its multipliers; then the particles are shifted and drift the other half.
 import inspect
 import warnings
 
-from ..particles.active_set import FULL_STEP_INTERVAL, MIN_EXCLUDED_FRACTION, ActiveSet, AllActive
+from ..particles.active_set import FULL_STEP_INTERVAL, MIN_EXCLUDED_FRACTION, ActiveSet
 from ..particles.pair_sums import PairSums
 from ..particles.particles import Carried
 from ..runtime.field_io import FieldIO
@@ -89,7 +89,17 @@ class ImplicitScheme(Scheme):
             turns = not (scene.walls or scene.jolts or any(scene.periodic or ()) or scene.grains)
             self.momentum_drift = self.term(MomentumDrift, directions=directions, turns=turns)
         self.motion = self.term(Motion)
-        self.active_set = AllActive(fluid.neighbors)
+        self.active_set = NoOp(  # all particles take part in every step
+            "end_step",
+            "reactivate",
+            "load",
+            search=lambda is_read: fluid.neighbors.search(),
+            state=dict,
+            is_full_step=True,
+            left_out=0,
+            mean_part_left_out=0.0,
+            rest_fraction=0.0,
+        )
         if may_stand(problem, fluid.particles, walls) and not drifts:
             ahead = FULL_STEP_INTERVAL * self.numerics.courant_number * scene.spacing
             self.active_set = ActiveSet(fluid.neighbors, self.term(Standstill, problem=problem, ahead=ahead))

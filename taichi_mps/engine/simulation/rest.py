@@ -91,7 +91,7 @@ def touches_moving_wall(sim) -> bool:
     walls = [
         wall
         for wall in sim.scene.walls
-        if wall.travels_at(sim.time) and np.any(wall.mean_velocity(sim.time, sim.time + INSTANT))
+        if np.any(wall.travel) and np.any(wall.mean_velocity(sim.time, sim.time + INSTANT))
     ]
     x = sim.particles.read()["x"] if walls else None
     return any(np.abs(wall.distance(x, sim.time)).min() < sim.walls.effective_radius for wall in walls)

@@ -137,10 +137,13 @@ class Simulation:
         """
         cpu = time.process_time()
         self._passed = None
-        until = math.inf if until is None else self._later(until)
+        require(
+            until is None or until - self.time >= 0.999 * INSTANT,
+            f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least",
+        )
         if not self._compiled:
             require_thread()
-        dt, limit = self._choose_time_step(self._pour(), until)
+        dt, limit = self._choose_time_step(self._pour(), math.inf if until is None else until)
         report = self._advance(dt, limit == "end")
         self._time, self.steps = self.time + dt, self.steps + 1
         jet = max((pouring.speed for pouring in self.pouring if pouring.entered), default=math.inf)
@@ -153,14 +156,6 @@ class Simulation:
         self._rests = self.rest.reached(self)  # once a step: it notes since when, and may read particles
         self._count_seconds(cpu)
         return self.report
-
-    def _later(self, until) -> float:
-        """``until`` [s], a time at least an instant later than now."""
-        require(
-            until - self.time >= 0.999 * INSTANT,
-            f"until = {until} s: must be later than the present time, {self.time:.9g} s, by {INSTANT:g} s at least",
-        )
-        return until
 
     def _pour(self) -> float:
         """Let in what is due; return the speed [m/s] of the fastest jet."""

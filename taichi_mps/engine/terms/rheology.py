@@ -6,7 +6,7 @@ from types import FunctionType, MethodType
 
 import numpy as np
 
-from ...units import SceneError
+from ...units import SceneError, require
 from ..particles.particles import FLUID
 from ..runtime.backend import is_for_kernels, ti
 from ..runtime.field_io import FieldIO
@@ -185,8 +185,7 @@ class OwnLaw:
             broken = f"{self._named}: falls from {stresses} Pa from {rates} 1/s; must not fall with the rate"
         elif not broken and abs(stress[0] - material.yield_value) > 1e-3 * max(material.yield_value, 1.0):
             broken = f"{self._named}: gives {stress[0]:g} Pa at rest; must be yield_value = {material.yield_value:g} Pa"
-        if broken:
-            raise SceneError(broken)
+        require(not broken, broken)
 
     def evaluate(self, rate, structure):
         """Stress [Pa] and growth [1/s], (n,), at rates [1/s] and structures [-], (n,)."""
