@@ -191,9 +191,9 @@ class Choice:
 
     def __str__(self):
         return (
-            f"model = {self.model}, spacing = {1e3 * self.spacing:g} mm, scheme = implicit: slump within "
-            f"{1e3 * self.error:.1f} mm and slump flow within {2e3 * self.error:.1f} mm in {self.cpu_seconds:.2g} "
-            f"CPU-seconds and some to compile, {self.where}"
+            f"model = {self.model}, spacing = {1e3 * self.spacing:g} mm, scheme = implicit: slump and half of the "
+            f"slump flow within {1e3 * self.error:.1f} mm in {self.cpu_seconds:.2g} CPU-seconds and some to compile, "
+            f"{self.where}"
         )
 
 
