@@ -6,6 +6,7 @@ from fractions import Fraction
 from functools import cache
 
 MAX_CHARACTERS = 100  # of a number with its unit
+OF_THAT_KIND = "or a unit of that kind"  # end of the message for a unit of another kind
 
 # Known units as pint defines them: name = value = symbol = alias. Names with several sizes (ton, gallon, grad) are left
 # out. An angle has a dimension, so that no percentage is read as one.
@@ -229,7 +230,7 @@ def in_unit(unit: str, value):
     except Exception as error:
         if not isinstance(error, ValueError) and not type(error).__module__.startswith("pint"):
             raise
-        kind = f"in {unit} or a unit of that kind" if unit else "without a unit, or in %"
+        kind = f"in {unit} {OF_THAT_KIND}" if unit else "without a unit, or in %"
         raise ValueError(f"must be a number {kind}") from None
 
 

@@ -34,7 +34,7 @@ from pydantic import (
     model_validator,
 )
 
-from .spelling import MAX_CHARACTERS, in_unit, without_unit
+from .spelling import MAX_CHARACTERS, OF_THAT_KIND, in_unit, without_unit
 
 T = TypeVar("T")
 
@@ -325,7 +325,7 @@ else:
     Viscosity = real("Pa s", gt=0.0, le=1e6)
     YieldValue = real("Pa", ge=0.0, le=1e6)
     Speed = real("m/s", "0.1 for 100 mm/s", gt=0.0, le=5.0)  # of a mould or a gate that is lifted
-    FlowRate = real("m3/s", gt=0.0, le=100.0)
+    FlowRate = real("m3/s", "a rise of 3 m/h over 1 m2 is 3 m3/h", gt=0.0, le=100.0)
     CriticalStrainRate = real("1/s", gt=0.0, le=1e4) | Literal["rational"]  # the word: materials.rational_...
 
     RotationSpeed = real("rpm", "turns a minute", gt=0.0, le=1e4)
@@ -403,8 +403,11 @@ def suggestion(key, known) -> str:
 
 
 def in_smaller_unit(number: float, most: float) -> str:
-    """Return '; add a unit: 18 cm' for a length [m] beyond the largest that was meant in cm, or in mm from 100 on."""
-    unit, size = ("cm", 0.01) if number < 100.0 else ("mm", 0.001)
+    """Return '; add a unit: 18 cm' for a length [m] beyond the largest that was meant in cm, or in mm.
+
+    Millimetres are meant from 100 on, and where so many centimetres are too much as well.
+    """
+    unit, size = ("cm", 0.01) if number < 100.0 and number * 0.01 <= most else ("mm", 0.001)
     return f"; add a unit: {number:g} {unit}" if number * size <= most else ""
 
 
@@ -428,6 +431,8 @@ def explain(error: ValidationError, model: type[Checked]) -> dict[str, str]:
             most = next((item["ctx"][key] for key in ("le", "lt") if key in item["ctx"]), None)
             if unit == "m" and most is not None:
                 allowed += in_smaller_unit(float(item["input"]), most)
+        elif allowed.endswith(OF_THAT_KIND) and known.hint:
+            allowed += f" ({known.hint})"
         shown = " ".join(str(item["input"])[:1000].split())[:MAX_CHARACTERS] or "''"  # on one line
         if not isinstance(item["input"], str) or without_unit(item["input"]) or kind == "finite_number":
             shown += f" {unit}" if unit else ""

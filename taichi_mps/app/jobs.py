@@ -8,30 +8,32 @@ import signal
 import sys
 import time
 from asyncio.subprocess import DEVNULL, PIPE
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..cli.stopped import SIGNALS
 from ..io.run_folder import RunFolder, next_free
 from ..units import user_path
 from .resident import OWN_SESSION
 
 SHUTDOWN_TIMEOUT = 30.0  # time for a run to end after Ctrl-C [s]
 INTERRUPT = getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT)  # Windows sends no SIGINT to a group of processes
-SIGNAL_CODES = 129, 130, 143  # exit codes of a command stopped from elsewhere
+SIGNAL_CODES = {128 + number for number in SIGNALS}  # exit codes of a command stopped from elsewhere
 MESSAGE_PREFIX = "taichi-mps: "  # beginning of messages of the program
 
 
 @dataclass(eq=False)
 class Job:
     """One command: ``words`` after ``taichi-mps``; for a run also the ``scene`` and its expected seconds, ``about``;
-    for a list the file of its results, ``out``."""
+    for a list the file of its results, ``out``. One that is ``short`` waits for no other."""
 
     title: str
     words: list[str]
     scene: str = ""
     about: float | None = None
     out: Path | None = None
+    short: bool = False
     state: str = "waiting"  # then running; at the end done, stopped or failed
     folder: RunFolder | None = None
     began: float = field(default_factory=time.monotonic)  # time of the request, then of its start
@@ -67,7 +69,8 @@ class Job:
 
 
 class Queue:
-    """Queue of jobs, executed one at a time in the order of their requests; shared by all pages."""
+    """Queue of jobs, executed one at a time in the order of their requests, short ones at once; shared by all
+    pages."""
 
     def __init__(self, folder):
         self.folder = user_path(folder)
@@ -83,7 +86,7 @@ class Queue:
     async def execute(self, job: Job) -> None:
         """Wait for the turn of a job and execute it, unless it was stopped before; a run is written into the next free
         folder of its scene."""
-        async with self.run_lock:
+        async with nullcontext() if job.short else self.run_lock:
             if job.finished:
                 return
             job.state, job.began, words = "running", time.monotonic(), job.words

@@ -21,13 +21,13 @@ from .resident import Resident
 from .results import Runs, facts_of
 
 FORECAST_TIMEOUT = 60.0  # for one forecast [s]
-TOO_LONG = f"this scene could not be tried within {FORECAST_TIMEOUT:g} s; make it coarser"
+TOO_LONG = f"this scene could not be tried within {FORECAST_TIMEOUT:g} s; make it coarser or smaller"
 MAX_TEXT_LENGTH = 100  # characters in a field of the form
 MEASURE = {  # measurements that determine a constant which a calibration could not find
     "yield_value": {"slump_m": "the slump", "spread_m": "the slump flow"},
     "plastic_viscosity": {"t500_s": "T500", "v_funnel_s": "the V-funnel time"},
 }
-MEASUREMENTS = "this", "these two", "these three"  # words for one, two or three measurements
+THESE = "this", "these two", "these three"  # words for one, two or three measurements
 
 
 class Query(Checked):
@@ -86,7 +86,7 @@ class Page:
         self.fields(query)
         try:
             parts = self.forecast_process.ask({"test": query.test, "values": query.values}, FORECAST_TIMEOUT)
-            return [part async for part in parts][-2]
+            return [part async for part in parts][-2]  # the last one says that the answer ends
         except TimeoutError:
             return {"wrong": {"spacing": f"spacing: {TOO_LONG}"}}
 
@@ -120,7 +120,7 @@ class Page:
         test = Measurements(**query.values)
         check_measurements(test, emulators_of(test.measured()))  # at once, not by the job
         words = ["calibrate", "--json", *form.options(query.values), *(["--no-check"] if not query.check else [])]
-        return self.enqueue(Job("calibration", words))
+        return self.enqueue(Job("calibration", words, short=not query.check))
 
     def calibrate_list(self, query: Query) -> dict:
         """Enqueue the calibration of a laboratory's list, a CSV file or an Excel sheet."""
@@ -128,7 +128,9 @@ class Page:
         table.write_bytes(b64decode(query.file, validate=True))
         measured_mixes.read_list(table)  # at once, not by the job
         out = table.with_name("calibrated.csv")
-        return self.enqueue(Job("list", ["calibrate", "--json", f"--table={table}", f"--out={out}"], out=out))
+        return self.enqueue(
+            Job("list", ["calibrate", "--json", f"--table={table}", f"--out={out}"], out=out, short=True)
+        )
 
     def result(self, query: Query) -> dict:
         """Result of a calibration, or of that of a list: its rows, the meanings of verdicts, the table of results as
@@ -195,7 +197,7 @@ def verdict(facts: dict) -> str:
     sentences = ["; ".join(known_texts)] if known_texts else []
     for name in unknown:
         others = [words for key, words in MEASURE.get(name, {}).items() if key not in facts["measured"]]
-        these = MEASUREMENTS[min(len(facts["measured"]), len(MEASUREMENTS)) - 1]
+        these = THESE[min(len(facts["measured"]), len(THESE)) - 1]
         sentences.append(
             f"The {in_words(name)} can't be told from {these}" + (f": measure {' or '.join(others)}" if others else "")
         )

@@ -21,11 +21,12 @@ from ..cli.run import describe_run, make_clock
 from ..engine import Bingham, Concrete, Frame, Problem, Scene, Simulation, pairs_of, require_memory
 from ..forecast import accuracy
 from ..input import catalogue
+from ..input.labels import in_words
 from ..report.drawings import beginning
 from ..study.calibration import BINGHAM
 from ..study.emulator import RESULT_COLUMNS, emulator_of
 from ..study.reuse import begin
-from ..units import SceneError, plain
+from ..units import SceneError, leading_key, plain
 from ..viz.body import fit_to_mould
 from .form import PREVIEW_MODELS, options, wrong
 from .resident import answer_all
@@ -165,7 +166,7 @@ def forecast(words: list[str]) -> dict:
         "space": problem.scene.dimension == 3,
         "seconds": clock.whole,
         "lines": describe_run(problem, clock),
-        "remarks": remarks,
+        "remarks": [in_words(key := leading_key(line)) + line[len(key) :] for line in remarks],
         "table": measures_by_table(problem.scene),
         "beginning": None if words[0] in PREVIEW_MODELS else beginning(problem.scene),
     }

@@ -1,28 +1,30 @@
 """Grains by options of run: what they say, and what they choose."""
 
 import sys
-from typing import get_args
+from typing import Annotated, get_args
+
+from pydantic import Field
 
 from ..engine import Grains
 from ..units import Length, Ratio, SceneError, checked, require
 
 ACROSS = 4.0  # spacings across the smallest grain, where no spacing is given
+LARGEST = 0.1  # diameter of a stone [m]; a larger number was meant in millimetres
 
 
 @checked
-def row(diameter: Length, fraction: Ratio = 1.0) -> tuple[float, float]:
+def row(diameter: Annotated[Length, Field(le=LARGEST)], fraction: Ratio = 1.0) -> tuple[float, float]:
     """Diameter [m] and fraction of a word of a grading."""
     return diameter, fraction
 
 
 def grains_of(options) -> Grains | None:
     """Grains that the options of a run ask for, or none."""
+    if options.grains is None:
+        return None
     known = options.model_dump(exclude_none=True).items()
     given = {name.removeprefix("grains_"): value for name, value in known if name.startswith("grains_")}
-    if options.grains is None:
-        require(not given, f"--grains-{next(iter(given), '')}: has no effect without --grains, the diameter")
-        return None
-    require("volume" in given, f"grains = {options.grains}: needs --grains-volume, such as 0.3")
+    require("volume" in given, "grains_volume = none: must be given beside grains, such as 0.3")
     grading = [word.split(":") for word in options.grains.split("+")]
     wrong = f"grains = {options.grains}: must be a diameter, 12mm, or diameters and fractions, 8mm:0.4+16mm:0.6"
     require(all(len(words) == (1 if len(grading) == 1 else 2) for words in grading), wrong)
@@ -39,8 +41,10 @@ def chosen_for(grains: Grains, keywords: dict, parameters) -> dict:
     found = dict(keywords)
     if "spacing" not in found and "spacing" in parameters.model_fields:
         found["spacing"] = float(grains.diameters.min()) / ACROSS
-        notice = f"spacing = {found['spacing']:g} m: a quarter of the smallest grain"
-        print(f"taichi-mps: {notice}; --spacing takes another", file=sys.stderr)
+        print(
+            f"taichi-mps: spacing = {found['spacing']:g} m: a quarter of the smallest grain, if not given",
+            file=sys.stderr,
+        )
     model = parameters.model_fields.get("model")
     if model and "model" not in found and "full" in get_args(model.annotation):
         found["model"] = "full"

@@ -21,6 +21,7 @@ from ..units import (
     Count,
     Density,
     Duration,
+    Only,
     Ratio,
     SceneError,
     checked,
@@ -127,6 +128,7 @@ class Workers(Checked):
 
 
 FrictionCoefficient = real("-", ge=0.0, le=10.0)
+GrainsVolume = real("-", gt=0.0, le=0.35)  # as mps.Grains has it
 Caption = Annotated[str, AfterValidator(plain)]
 
 
@@ -152,10 +154,18 @@ class Run(Pictures):
     grains: str | None = Field(
         None, description="diameter of grains in the mortar, 12mm, or a grading by volume, 8mm:0.4+16mm:0.6"
     )
-    grains_volume: Ratio | None = Field(None, description="volume of the grains over that of the body, at most 0.35")
-    grains_density: Density | None = Field(None, description="density of the stone, by default 2650 kg/m3")
-    grains_friction: FrictionCoefficient | None = Field(None, description="coefficient of friction of the grains")
-    grains_seed: Count | None = Field(None, description="number from which the places of the grains follow")
+    grains_volume: Annotated[GrainsVolume | None, Only("grains")] = Field(
+        None, description="volume of the grains over that of the body"
+    )
+    grains_density: Annotated[Density | None, Only("grains")] = Field(
+        None, description="density of the stone, by default 2650 kg/m3"
+    )
+    grains_friction: Annotated[FrictionCoefficient | None, Only("grains")] = Field(
+        None, description="coefficient of friction of the grains"
+    )
+    grains_seed: Annotated[Count | None, Only("grains")] = Field(
+        None, description="number from which the places of the grains follow"
+    )
     quiet: bool = Field(False, description="no progress and no result on the screen")
     verbose: bool = Field(
         False, description="show the parts of the time and the numerics, too: steps, iterations, volume error"

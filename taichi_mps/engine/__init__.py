@@ -7,7 +7,7 @@ stands here.
 
 from importlib import import_module
 
-with open(f"{__file__}i", encoding="utf-8") as _stub:
+with open(f"{__file__}i", encoding="utf-8") as _stub:  # a line a name: from .module import name as name
     _MODULE_OF = {words[-1]: words[1][1:] for words in map(str.split, _stub) if words[:1] == ["from"]}
 
 __all__ = [*_MODULE_OF]

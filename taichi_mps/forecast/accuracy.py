@@ -15,7 +15,7 @@ import numpy as np
 from ..units import SceneError, require
 
 MEASURED = Path(__file__).parent / "accuracy.csv"
-MAX_ACCURACY = 0.1  # largest accuracy to ask for [m]; a larger number is in millimetres
+MAX_ACCURACY = 0.1  # largest accuracy to ask for [m]; a larger number was meant in millimetres
 MAX_VOLUME_ERROR = 0.01  # of a model that is chosen [-]: a coarse cone may have the right slump by luck
 GRAVITY, DENSITY, HEIGHT = 9.81, 2300.0, 0.3  # of the standard cone [m/s2], [kg/m3], [m]
 # Twice the standard deviation of the difference of a run from the mean of five, over the standard deviation of a run
@@ -191,8 +191,9 @@ class Choice:
 
     def __str__(self):
         return (
-            f"model = {self.model}, spacing = {1e3 * self.spacing:g} mm, scheme = implicit: slump and reach within "
-            f"{1e3 * self.error:.1f} mm in {self.cpu_seconds:.2g} CPU-seconds and some to compile, {self.where}"
+            f"model = {self.model}, spacing = {1e3 * self.spacing:g} mm, scheme = implicit: slump and half of the "
+            f"slump flow within {1e3 * self.error:.1f} mm in {self.cpu_seconds:.2g} CPU-seconds and some to compile, "
+            f"{self.where}"
         )
 
 

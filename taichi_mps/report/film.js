@@ -51,6 +51,22 @@ function onCard(viewer, made) {
   return made.card;
 }
 
+/* Centres of the grains in each picture, and how far each has come; none where there are none. */
+async function decodedGrains({ grains, times, low, step }) {
+  if (!grains) return [];
+  const { centres, radii, free } = grains, codes = await inflated(centres, Int16Array), long = 3 * radii.length;
+  for (let k = long; k < codes.length; k++) codes[k] += codes[k - long];
+  const places = times.map((_, k) => Float32Array.from(codes.subarray(k * long, (k + 1) * long), (code, i) => low[i % 3] + step[i % 3] * code));
+  const way = (at) => radii.map((_, g) => Math.hypot(...free.map((on, k) => on * (at[3 * g + k] - places[0][3 * g + k]))));
+  return places.map((at) => ({ at, way: way(at) }));
+}
+
+/* Grains of a picture on the graphics card, once, coloured by size unless ``tone`` says otherwise. */
+function grainsOnCard(viewer, made, { kinds, radii, colours }, tone = kinds.map((kind) => colours[kind % colours.length])) {
+  made.card ??= { at: viewer.buffer(made.at), tone: viewer.buffer(new Float32Array(tone.flat())), radius: viewer.buffer(new Float32Array(radii)), count: radii.length };
+  return made.card;
+}
+
 /* Pairs of places of polylines x, y, z with null between; dashed by leaving out every third part. */
 function segments([x, y, z], size, dashed) {
   const found = [], step = 0.012 * size;

@@ -4,15 +4,6 @@ const MODES = { concrete: 0, distance: 0, speed: 1, flowing: 2 }, HOLD = 1.5; //
 const state = { output: 0, playing: false, viewer: null, meshes: [], grains: [] };
 
 // ---- grains -------------------------------------------------------------------------------------------------------
-/* Centres of the grains in each picture, and how far each has come. */
-async function decodedGrains({ centres, radii, free }) {
-  const codes = await inflated(centres, Int16Array), long = 3 * radii.length;
-  for (let k = long; k < codes.length; k++) codes[k] += codes[k - long];
-  const places = film.times.map((_, k) => Float32Array.from(codes.subarray(k * long, (k + 1) * long), (code, i) => film.low[i % 3] + film.step[i % 3] * code));
-  const way = (at) => radii.map((_, g) => Math.hypot(...free.map((on, k) => on * (at[3 * g + k] - places[0][3 * g + k]))));
-  return places.map((at) => ({ at, way: way(at) }));
-}
-
 /* Colour of a part of the way along the ramp. */
 function ramp(part) {
   const at = Math.min(7.999, Math.max(0, 8 * part)), k = Math.floor(at);
@@ -21,13 +12,10 @@ function ramp(part) {
 
 /* Grains of a picture on the graphics card, in the colours that are chosen. */
 function grains(output) {
-  const made = state.grains[output], { kinds, radii, colours } = film.grains, { viewer } = state, by = element("colour").value;
-  if (made.by !== by) {
-    const tone = by === "distance" ? made.way.map((way) => ramp(way / state.farthest)) : kinds.map((kind) => colours[kind % colours.length]);
-    made.card = { at: viewer.buffer(made.at), tone: viewer.buffer(new Float32Array(tone.flat())), radius: viewer.buffer(new Float32Array(radii)), count: radii.length };
-    made.by = by;
-  }
-  return made.card;
+  const made = state.grains[output], by = element("colour").value;
+  if (made.by !== by) delete made.card;
+  made.by = by;
+  return grainsOnCard(state.viewer, made, film.grains, by === "distance" ? made.way.map((way) => ramp(way / state.farthest)) : undefined);
 }
 
 // ---- the view -----------------------------------------------------------------------------------------------------
@@ -110,7 +98,7 @@ async function write() {
   element("save-results").onclick = () => save(name("results"), results(table));
   try {
     state.meshes = await decoded(film);
-    state.grains = film.grains ? await decodedGrains(film.grains) : [];
+    state.grains = await decodedGrains(film);
     state.farthest = Math.max(1e-9, ...(state.grains.at(-1)?.way ?? []));
     const { middle } = data.section;
     cross(data.section, middle === undefined ? null : sliced(state.meshes.at(-1), middle, data.floor), element("section"));

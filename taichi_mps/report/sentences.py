@@ -132,13 +132,16 @@ def grains(summary) -> list[str]:
 
 def passing(summary) -> list[str]:
     """Sentence on how many grains are beyond the bars, and whether they pass: they block where their fraction there
-    is less than half of that of the mortar, and so few have a probability below 1 % if each went with it."""
+    is less than half of that of the mortar, and so few have a probability below 1 % if each went with it. A run that
+    was stopped has no verdict."""
     whole, passed, mortar = (summary.get(name) for name in PASSING)
     if passed is None or mortar is None or not whole:
         return []
     n, k, fraction = round(whole), round(passed), min(max(mortar, 0.0), 1.0)
-    if summary.get("parameters", {}).get("bars", "none") in ("none", "no"):
-        text = f"{k} of {n} grains are beyond the opening, with {100.0 * fraction:.0f} % of the mortar."
+    barred = summary.get("parameters", {}).get("bars", "none") not in ("none", "no")
+    if not barred or summary.get("stopped_by") == "interrupted":
+        place = "bars" if barred else "opening"
+        text = f"{k} of {n} grains are beyond the {place}, with {100.0 * fraction:.0f} % of the mortar."
     else:
         p = sum(math.comb(n, j) * fraction**j * (1.0 - fraction) ** (n - j) for j in range(k + 1))
         verdict = "Passes" if k >= MIN_PASSING_RATIO * n * fraction else "Blocks" if p < SIGNIFICANCE else "Not decided"

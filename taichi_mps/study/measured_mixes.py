@@ -33,7 +33,20 @@ OTHER_TESTS = {  # {beginning of a column's key: what this unused measurement is
 FIELDS = {key_of(name): name for name in Measurements.model_fields}
 FIELDS |= {key_of(word): field for field, words in COLUMN_NAMES.items() for word in words.split()}
 FIELDS |= {f"{key}error": f"{field}_error" for key, field in FIELDS.items() if field in FIELD_OF_RESULT.values()}
-NOT_MEASURED = {"", "-", "–", "—", "n/a", "#n/a", "n.a."}  # cells without a measurement
+NOT_MEASURED = {
+    "",
+    "-",
+    "–",
+    "—",
+    "/",
+    "n/a",
+    "#n/a",
+    "n.a.",
+    "na",
+    "n.d.",
+    "nd",
+    "k.a.",
+}  # cells without a measurement
 SECONDS_PER_MIX = 0.05  # CPU time of a calibration [s]
 RESULT_COLUMN = re.compile(  # name of a column that a table of results adds
     rf"(verdict|reason|({'|'.join(FRICTIONAL)})_(found|lower|upper|from|by_.+)|({'|'.join(NAMES)})_(model|missed))"

@@ -186,8 +186,10 @@ def wall_time(planned: list[Case], workers: int, runs: int | None = None) -> flo
     sample = planned[:: max(1, len(planned) // SAMPLED)]
     from ..forecast.clock import Clock
 
-    clocks = [Clock(Problem(catalogue.build(c.scene, **c.parameters)), SERIAL, math.inf) for c in sample]
-    runs, shapes = runs or len(planned), len({*map(kernel_key, planned)})
+    problems = [Problem(catalogue.build(c.scene, **c.parameters)) for c in sample]
+    clocks = [Clock(problem, SERIAL, math.inf) for problem in problems]
+    own = any(not problem.scene.material.from_fields for problem in problems)  # a law that compiles its numbers
+    runs, shapes = runs or len(planned), len({case.key if own else kernel_key(case) for case in planned})
     stepping = runs * sum(clock.cost.cpu_seconds for clock in clocks) / len(clocks)
     start_up = sum(clock.expected["start"] + clock.expected["ready"] for clock in clocks) / len(clocks)
     return (stepping + start_up * max(shapes, min(workers, runs))) / min(workers, runs)

@@ -1,5 +1,6 @@
 """Run folders and calibrations on the page, tested without a browser."""
 
+import asyncio
 import os
 import re
 import signal
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from taichi_mps import __version__
 from taichi_mps.app.form import wrong
 from taichi_mps.app.jobs import Job, Queue
 from taichi_mps.app.page import verdict
@@ -17,6 +19,17 @@ from taichi_mps.io import lock
 from taichi_mps.study.calibrate import calibrate
 from taichi_mps.units import Checked, Length, SceneError
 from tests.support.recorded import recorded
+
+
+def test_a_short_job_waits_for_no_run(tmp_path):
+    async def course():
+        jobs = Queue(tmp_path)
+        async with jobs.run_lock:  # a run is under way
+            short, long = (jobs.add(Job("version", ["--version"], short=short)) for short in (True, False))
+            await short.task
+            return short.state, short.output, long.state, await jobs.close()
+
+    assert asyncio.run(course())[:3] == ("done", __version__, "waiting")
 
 
 def asked(*names, to=""):

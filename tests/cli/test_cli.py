@@ -265,10 +265,22 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ("run slump --height 300", "height = 300 m: must be less than or equal to 100 m; add a unit: 300 mm"),
         ("run slump --height 30", "height = 30 m: must be at most 3 m; add a unit: 30 cm"),
         ("run mini_cone --height 5.72", "height = 5.72 m: must be at most 3 m"),
+        ("run l_box --grains-seed 2", "grains_seed = 2: has no effect without grains; must be left out"),
+        ("run l_box --grains 12mm", "grains_volume = none: must be given beside grains, such as 0.3"),
+        ("run l_box --grains 12mm --grains-volume 0.4", "grains_volume = 0.4: must be less than or equal to 0.35"),
+        (
+            "run l_box --grains 16 --grains-volume 0.1",
+            "grains = 16: must be a diameter, 12mm, or diameters and fractions, 8mm:0.4+16mm:0.6 (diameter = 16 m: "
+            "must be less than or equal to 0.1 m; add a unit: 16 mm)",
+        ),
         ("run slump --lift-speed 120", "lift_speed = 120 m/s: must be less than or equal to 5 m/s (0.1 for 100 mm/s)"),
         (
             "run slump --accuracy 5mm --scheme semi-implicit",
             "accuracy = 5mm: chooses model and particle size of the sch",
+        ),
+        (
+            "run wall --rate 3m/h",
+            "rate = 3m/h: must be a number in m3/s or a unit of that kind (a rise of 3 m/h over 1 m2 is 3 m3/h)",
         ),
         ("run wall --length 30", "length = 30 m: must be less than or equal to 24 m"),
         ("run slump --accuracy 5", "accuracy = 5 m: must be at most 0.1 m (0.005 or 5mm for 5 mm)"),

@@ -190,6 +190,11 @@ def test_the_language_does_not_warn_of_its_own_source(tmp_path):
     assert "escape" not in done.stderr
 
 
+def test_a_kernel_may_stand_at_the_top_of_a_script(tmp_path):
+    (tmp_path / "own.py").write_text("import taichi_mps as mps\n@mps.ti.kernel\ndef one() -> int:\n    return 1\n")
+    assert child(tmp_path / "own.py").stderr == ""
+
+
 @ti.kernel
 def misspelt():
     for i in range(3):

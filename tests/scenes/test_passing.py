@@ -100,6 +100,8 @@ def test_the_verdict_on_what_passes(grains, passed, mortar, verdict):
     found = {"grains_number": float(grains), "grains_passed_number": float(passed), "mortar_passed_ratio": mortar}
     assert passing(found | {"parameters": {"bars": 16}})[0].startswith(verdict)
     assert passing(found)[0].startswith(f"{passed} of {grains} grains are beyond the opening")
+    stopped = found | {"parameters": {"bars": 16}, "stopped_by": "interrupted"}
+    assert passing(stopped)[0].startswith(f"{passed} of {grains} grains are beyond the bars, with")
     assert "no probability" in passing(found | {"grains": {"shape": "disc"}})[0]
     assert passing({"grains_number": 4.0}) == []
 

@@ -331,6 +331,25 @@ def test_what_is_compiled_in_is_in_the_key_of_what_is_compiled_once():
     assert set(mps.Bingham.from_fields) <= set(mps.Bingham.model_fields)
 
 
+def test_a_sweep_of_a_law_of_ones_own_is_told_to_compile_for_each_case(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(
+        "import taichi_mps as mps\n"
+        "class Own(mps.Law):\n"
+        "    yield_value: float = 40.0\n"
+        "    slope: float = 30.0\n"
+        "    def shear_stress(self, rate, structure):\n"
+        "        return self.yield_value + self.slope * rate\n"
+        "@mps.checked\n"
+        "def scene(material: Own = Own()):\n"
+        "    fluid = mps.fill(mps.Box((0.0, 0.0), (0.5, 0.5)), 0.1)\n"
+        "    return mps.Scene('own', material, 0.1, fluid, ((-1.0, -1.0), (1.0, 1.0)), until=0.01)\n"
+    )
+    one, three = (sweep.wall_time(combinations(str(path), slope=slopes), 1) for slopes in ("30", "20,30,40"))
+    film = [sweep.wall_time(combinations("film", plastic_viscosity=slopes), 1) for slopes in ("30", "20,30,40")]
+    assert three == pytest.approx(3.0 * one, rel=0.2) and film[1] - film[0] < three - one
+
+
 @pytest.mark.long
 def test_t500_of_a_case_is_that_of_all_steps():
     """A case measures the slump flow at some steps only; T500, interpolated in time, is that of all within 1 %."""

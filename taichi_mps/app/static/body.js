@@ -6,7 +6,7 @@ const DATA = /<script type="application\/json" id="data">(.*?)<\/script>/s;
 
 export class Body {
   constructor(stage, canvas, over, caption) {
-    Object.assign(this, {stage, canvas, over, caption, data: null, meshes: []});
+    Object.assign(this, {stage, canvas, over, caption, data: null, meshes: [], grains: []});
     this.dark = matchMedia("(prefers-color-scheme: dark)");
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
     this.dark.addEventListener("change", () => this.draw());
@@ -35,15 +35,16 @@ export class Body {
   async show(data, words = "") {
     this.data = data;
     try {
-      const meshes = await decoded(data.film), again = words && this.words;
+      const meshes = await decoded(data.film), grains = await decodedGrains(data.film), again = words && this.words;
       if (this.data !== data) return;  // a later one has come
       this.stage.dataset.body = "";
       const {turn, tilt} = this.viewer || {};
       if (this.viewer) this.viewer.fit(...fitting(data));
       else this.viewer = new Viewer(this.canvas, ...fitting(data));
       if (again && !this.viewer.flat && tilt) Object.assign(this.viewer, {turn, tilt});  // as the user has turned it
-      for (const {card} of this.meshes) for (const key of card ? ["at", "normal", "shade", "rows"] : []) this.viewer.gl.deleteBuffer(card[key]);
-      Object.assign(this, {meshes, words, picture: this.still.matches ? meshes.length - 1 : 0});
+      for (const {card} of [...this.meshes, ...this.grains])
+        for (const key of ["at", "normal", "shade", "rows", "tone", "radius"]) if (card?.[key]) this.viewer.gl.deleteBuffer(card[key]);
+      Object.assign(this, {meshes, grains, words, picture: this.still.matches ? meshes.length - 1 : 0});
       this.draw();
       if (meshes.length > 1 && !this.still.matches) this.play();
     } catch {
@@ -75,7 +76,8 @@ export class Body {
   draw() {
     if (!this.data || !this.meshes.length || !this.canvas.clientWidth || !("body" in this.stage.dataset)) return;
     const {data, viewer, picture} = this, {film} = data;
-    viewer.draw(onCard(viewer, this.meshes[picture]), {mode: 0, ...around(data, this.dark.matches)});
+    const made = film.grains && this.grains[picture], grains = made ? grainsOnCard(viewer, made, film.grains) : null;
+    viewer.draw(onCard(viewer, this.meshes[picture]), {mode: 0, grains, ...around(data, this.dark.matches)});
     this.over.replaceChildren(...film.dimensions[picture].flatMap((each) => dimension(viewer, each)));
     this.caption.textContent = this.words || `${film.times[picture].toFixed(2)} s, ${pace(film)[1]}`;
   }

@@ -84,6 +84,7 @@ export class Calibrate {
     this.mark({});
     document.getElementById("list-wrong").textContent = "";
     this.answer.replaceChildren(h("p", {}, "Calibrating …"), h("progress"));
+    this.answer.scrollIntoView({block: "nearest"});
     this.figure.hidden = this.button.disabled = true;
     this.reasons.replaceChildren();
     const answer = await ask(what, query);

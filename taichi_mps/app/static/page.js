@@ -272,7 +272,7 @@ function notice(words) {
 
 // What the stage shows: the preview, or a run, of which a preview that comes late says nothing any more.
 function mode(name) {
-  if (name === "run") calling?.abort();
+  if (name === "run") calling?.abort(), delete by("stage").dataset.old;
   state.mode = name;
   by("stage").dataset.mode = name;
 }

@@ -70,6 +70,8 @@ def check_surface(wall, first="point"):
     ----------
     wall : Plane, Cylinder or Solid
         Wall to check.
+    first : str, optional
+        Name of the key that gives the number of dimensions, for messages.
 
     Raises
     ------

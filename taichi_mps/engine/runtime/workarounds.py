@@ -146,8 +146,12 @@ def position(context, node) -> str:
 
 
 def is_in_class(level_of_class_stackframe: int) -> bool:
-    """Whether a function that is being decorated is defined in a class: by the line of that frame of the stack."""
-    frame = sys._getframe(level_of_class_stackframe)
+    """Whether a function that is being decorated is defined in a class: by the line of that frame of the stack. At the
+    top of a script there is no such frame."""
+    try:
+        frame = sys._getframe(level_of_class_stackframe)
+    except ValueError:
+        return False
     line = linecache.getline(frame.f_code.co_filename, frame.f_lineno).strip()
     return any(start.match(line) for start in ti.lang.kernel_impl._KERNEL_CLASS_STACKFRAME_STMT_RES)
 

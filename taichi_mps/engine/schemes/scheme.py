@@ -29,7 +29,7 @@ class Scheme:
 
     REMEDY: str  # what a user can do where it diverges
     diagnostics: Diagnostics
-    rows: FieldIO  # what a snapshot shows besides what the particles carry: yielded, and p where it is read otherwise
+    field_io: FieldIO  # what a snapshot shows besides what the particles carry: yielded, and p of ``implicit``
     all_active = True  # whether all particles took part in the last step
     may_leave_out = False  # whether the next step may leave particles out
     unmet = 0  # steps whose outer iterations ended before their tolerance was met
