@@ -103,6 +103,10 @@ TABLE = [
     # ---- grains.py ----
     Row("sphere_held", "a sphere 8 across, 16 mm, in a closed box of 2.5 diameters with no-slip walls, 20 Pa s, 2 s",
         "Beris et al. (1985): 2 tau_y pi a^2/F = 0.143", grains.held, {"across": 8}),
+    Row("suspension_dilute", "one sphere in a cube of four diameters in shear between plates, Newtonian",
+        "Einstein (1906): 1 + 2.5 phi; unbounded", grains.dilute, {"across": (4, 6, 8)}),
+    Row("suspension", "spheres 4 across in a cube of six diameters in shear between plates, Newtonian, strain 1",
+        "Krieger and Dougherty (1959), phi_m = 0.64", grains.suspensions, {"across": 4, "fractions": (0.1, 0.2, 0.3)}),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),
     collapse(500.0, 0.02),

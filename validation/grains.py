@@ -1,4 +1,4 @@
-"""Grains in mortar: the yield stress that holds a sphere."""
+"""Grains in mortar: the yield stress that holds a sphere, and the viscosity of a suspension."""
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from . import Measured, record
 
 SIZE, DENSITY, EXTRA, VISCOSITY, GRAVITY = 0.016, 2200.0, 500.0, 20.0, 9.81  # [m, kg/m3, kg/m3, Pa s, m/s2]
 HELD = 0.143 / 3.0  # tau_y/(drho g d) that holds a sphere (Beris et al. 1985)
+EINSTEIN, PACKED = 2.5, 0.64  # intrinsic viscosity of spheres (Einstein 1906), volume fraction at which they jam
 STANDS, CREEP = 1e-4, 1e-6  # speeds over Stokes' after 2 s: of a sphere that is held, and well above the threshold
 
 
@@ -38,3 +39,51 @@ def held(across: int):
     yield Measured(f"tau_y/(drho g d) {found / equal:.4f}, equal volume, relative", found / equal / HELD - 1.0, 0.08)
     yield Measured(f"tau_y/(drho g d) {found:.4f}, diameter as given, relative", found / HELD - 1.0, 0.15)
     yield Measured("speed over Stokes' where the yield stress is a quarter above", abs(speeds[-1]), CREEP)
+
+
+def thickened(across: int, wide: int, strain: float, **grains) -> tuple[float, float]:
+    """Shear stress of a Newtonian fluid with grains over that without, mean of the second half of a strain, and the
+    volume fraction of their particles; between plates ``wide`` diameters apart, periodic along them, at 1/s."""
+    spacing, side = SIZE / across, wide * SIZE
+    x = mps.lattice((0.0,) * 3, (side,) * 3, spacing)
+    walls = [
+        mps.Plane((0.0, 0.0, z), (0.0, 0.0, n), velocity=(-0.5 * n * side, 0.0, 0.0), name=name)
+        for z, n, name in ((0.0, 1.0, "lower"), (side, -1.0, "upper"))
+    ]
+    scene = mps.Scene(
+        "suspension",
+        mps.Newtonian(viscosity=VISCOSITY, density=DENSITY),
+        spacing,
+        x,
+        ((0.0, 0.0, -4.0 * spacing), (side, side, side + 4.0 * spacing)),
+        walls,
+        velocity=(x[:, 2:] - 0.5 * side) * [1.0, 0.0, 0.0],
+        gravity=(0.0,) * 3,
+        periodic=(True, True, False),
+        grains=mps.Grains(diameter=SIZE, density=DENSITY, **grains),
+        wall_loads=True,
+        until=strain,
+    )
+
+    def stress(sim):
+        forces = [load.force[0] for load in sim.snapshot().loads.values()]
+        return 0.5 * (forces[0] - forces[1]) / (VISCOSITY * side**2)
+
+    _, times, stresses = record(scene, stress, until=strain)
+    return float(stresses[times > 0.5 * strain].mean()), float((scene.grain_places[0] > 0).mean())
+
+
+def dilute(across):
+    """What one sphere in a cube of four diameters adds to the shear stress, over its volume fraction."""
+    for each in across:
+        relative, volume = thickened(each, 4, 0.03, centres=[(2.0 * SIZE,) * 3])
+        found = (relative - 1.0) / volume
+        yield Measured(f"intrinsic viscosity {found:.2f}, {each} across, relative", found / EINSTEIN - 1.0, 0.12)
+
+
+def suspensions(across: int, fractions):
+    """Viscosity of suspensions in a cube of six diameters, sheared to a strain of 1, one seed each."""
+    for fraction in fractions:
+        relative, _ = thickened(across, 6, 1.0, volume_fraction=fraction, seed=1)
+        krieger = (1.0 - fraction / PACKED) ** (-EINSTEIN * PACKED)
+        yield Measured(f"{relative:.2f} times the viscosity at {fraction:g}, relative", relative / krieger - 1.0, 0.12)
