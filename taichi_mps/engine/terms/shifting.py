@@ -71,8 +71,9 @@ class Shifting(Term):
     def compute(self, dt: float, strain: float, least: float):
         """shift = -a l0 sum_j (s_j/s_i) max(0, 1 - r/(1.5 l0)) e_ij + 0.005 l0 e(x) without its outward part at a
         surface, at most 0.05 l0, and 0.05 (0.85 l0 - r) between closer pairs; all of it times
-        min(1, shear_rate dt/strain), ``least`` at least, the sum at least times ``tension``. s is the size of a
-        ring (gradient.py), e(x) ``perturbation``; a is 0.1, of what is viscous and in tension up to 0.4."""
+        min(1, shear_rate dt/strain), or ``least`` where that is larger, the sum times ``tension`` where this is larger
+        still. s is the size of a ring (gradient.py), e(x) ``perturbation``; a is 0.1, of what is viscous and in tension
+        up to 0.4."""
         d = ti.static(self.dimension)
         for i in range(self.particles.count[None]):
             self.shift[i] = ti.Vector.zero(float, d)
