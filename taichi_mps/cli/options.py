@@ -156,6 +156,9 @@ class Run(Pictures):
     grains_density: Density | None = Field(None, description="density of the stone, by default 2650 kg/m3")
     grains_friction: FrictionCoefficient | None = Field(None, description="coefficient of friction of the grains")
     grains_seed: Count | None = Field(None, description="number from which the places of the grains follow")
+    grains_shape: str | None = Field(
+        None, description="shape of the grains, 'ellipsoid 2:1:1', in a plane 'ellipse 2:1', by default spheres"
+    )
     quiet: bool = Field(False, description="no progress and no result on the screen")
     verbose: bool = Field(
         False, description="show the parts of the time and the numerics, too: steps, iterations, volume error"
