@@ -127,8 +127,7 @@ def grains(summary) -> list[str]:
     sizes = " and ".join(f"{1e3 * size:.3g}" for size in found["diameters_m"])
     taken = f"take {100.0 * found['volume_fraction']:.1f} % of the volume"
     mortar = "the mix is the mortar between them, not the concrete"
-    shape = found.get("shape", "")
-    shape = "" if shape in ("", "disc", "sphere") else f" ({shape})"
+    shape = "" if found.get("shape") in (None, "disc", "sphere") else f" ({found['shape']})"
     return [f"{found['number']:,} rigid grains{shape} of {sizes} mm {taken}; {mortar}."]
 
 

@@ -66,11 +66,9 @@ class Size:
         self.centres, self.radii = self.offset + across * parts[:, :d], across * parts[:, d]
         self.reach = (across * np.linalg.norm(parts[:, :d], axis=1) + self.radii).max()
         # and the cells into which its surface reaches along the axes
-        axes = np.tile(np.ceil(self.centres - 0.5 - 1e-9), (2 * d, 1, 1))
-        for a in range(d):
-            axes[a, :, a] = np.ceil(self.centres[:, a] + self.radii - 0.5 - 1e-9)
-            axes[d + a, :, a] = np.floor(self.centres[:, a] - self.radii + 0.5 + 1e-9)
-        axes = axes.reshape(-1, d).astype(int)
+        ways = np.vstack([np.eye(d), -np.eye(d)])
+        tips = self.centres[:, None] + self.radii[:, None, None] * ways
+        axes = np.where(ways < 0.0, np.floor(tips + 0.5 + 1e-9), np.ceil(tips - 0.5 - 1e-9)).reshape(-1, d).astype(int)
         self.allowed = np.ones(lattice.row.shape, bool)
         for cell in np.unique(np.vstack([self.cells, axes]), axis=0):
             self.allowed &= np.roll(lattice.row >= 0, -cell, axis=tuple(range(d)))

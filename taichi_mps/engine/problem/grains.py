@@ -66,8 +66,9 @@ class Grains:
     shape: str | array("-", (None, 3), (None, 4)) = "sphere"
 
     def __post_init__(self):
-        object.__setattr__(self, "_known", {})  # places by the body, and the clump
         object.__setattr__(self, "rows", clump_rows(self.shape))
+        fitting = (d for d in (2, 3) if self.rows.shape[1] in (0, d + 1))
+        object.__setattr__(self, "_known", {d: scaled(self.rows, d) for d in fitting})  # clumps; places by the body
         require(
             (self.volume_fraction is None) != (self.centres is None),
             "grains: must have either volume_fraction or centres",
@@ -109,8 +110,6 @@ class Grains:
         inertia : ndarray, shape (3, 3)
             Moment of inertia over the mass and the square of half of the diameter [-].
         """
-        if d not in self._known:
-            self._known[d] = scaled(self.rows, d)
         return self._known[d]
 
     def places(
