@@ -37,10 +37,10 @@ def grains_of(options) -> Grains | None:
 
 
 def chosen_for(grains: Grains, keywords: dict, parameters) -> dict:
-    """Keywords of a scene as grains need them: a quarter of the smallest diameter as spacing, and the whole body."""
+    """Keywords of a scene as grains need them: a quarter of the smallest grain's width as spacing, the whole body."""
     found = dict(keywords)
     if "spacing" not in found and "spacing" in parameters.model_fields:
-        found["spacing"] = float(grains.diameters.min()) / ACROSS
+        found["spacing"] = grains.width / ACROSS
         print(
             f"taichi-mps: spacing = {found['spacing']:g} m: a quarter of the smallest grain, if not given",
             file=sys.stderr,

@@ -166,6 +166,9 @@ class Run(Pictures):
     grains_seed: Annotated[Count | None, Only("grains")] = Field(
         None, description="number from which the places of the grains follow"
     )
+    grains_shape: Annotated[str | None, Only("grains")] = Field(
+        None, description="shape of the grains, 'ellipsoid 2:1:1', in a plane 'ellipse 2:1', by default spheres"
+    )
     quiet: bool = Field(False, description="no progress and no result on the screen")
     verbose: bool = Field(
         False, description="show the parts of the time and the numerics, too: steps, iterations, volume error"

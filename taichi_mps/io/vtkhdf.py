@@ -110,11 +110,11 @@ class Trajectory:
             root["Steps"].attrs["NSteps"] = 0
             origin = {"source": source, "parameters": json.dumps(scene.parameters)}
             if scene.grains and scene.grains.centres is None:  # those of a grading are not of the scene's function
-                names = "volume_fraction", "density", "friction", "seed"
+                names = "volume_fraction", "density", "friction", "seed", "shape"
                 grains = {"diameter": scene.grains.grading.tolist()} | {
                     key: getattr(scene.grains, key) for key in names
                 }
-                origin["grains"] = json.dumps(grains)
+                origin["grains"] = json.dumps(grains, default=np.ndarray.tolist)
             texts = {name: np.bytes_(text.encode("utf-8", "surrogateescape")) for name, text in origin.items()}
             own.attrs.update(texts, dimension=s.x.shape[1], every=every)  # of fixed length, which HDF5 checks, too
             own.create_dataset("wall_x", data=s.wall_x, **CHECKSUMMED if s.wall_x.size else {})

@@ -25,7 +25,7 @@ MAX_POINTS = 400  # of a curve
 MAX_BEGINNING = 100_000  # particles of a body before it flows, whose surface takes a second
 AT_HEIGHT = re.compile(r"(.+)_at_(\d+)mm_Pa")  # a pressure at a height
 CORNERS = 12  # of the polygon that is drawn for a particle
-GRAIN_BYTES = 6  # of a grain in a picture of the film, at most
+GRAIN_BYTES = 6  # of a sphere of a grain in a picture of the film, at most
 
 
 def drawings(run, film: dict, last: Snapshot) -> dict:
@@ -181,7 +181,8 @@ def film_data(trajectory, scene, history, room: int = MAX_FILM_BYTES) -> tuple[d
     (end,) = trajectory.replay(scene=scene, chosen=[len(outputs) - 1])
     last = surface_geometry(scene, end.state)
     picture = len(zlib.compress(b"".join(pack(*last, 1.0, *position_scale([last])).values())))
-    fitting = max(2, int(room / (picture + GRAIN_BYTES * end.state.grain.max(initial=0))))
+    spheres = end.state.grain.max(initial=0) * (len(scene.grains.clump(scene.dimension)[0]) if scene.grains else 1)
+    fitting = max(2, int(room / (picture + GRAIN_BYTES * spheres)))
     chosen = np.unique(np.linspace(0, len(outputs) - 1, min(len(outputs), fitting)).round().astype(int)).tolist()
     parts = max(1, min(MAX_STEPS_BETWEEN, min(fitting, SMOOTH_FILM) // len(outputs)))
     states = [

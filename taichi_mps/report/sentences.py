@@ -127,7 +127,8 @@ def grains(summary) -> list[str]:
     sizes = " and ".join(f"{1e3 * size:.3g}" for size in found["diameters_m"])
     taken = f"take {100.0 * found['volume_fraction']:.1f} % of the volume"
     mortar = "the mix is the mortar between them, not the concrete"
-    return [f"{found['number']:,} rigid grains of {sizes} mm {taken}; {mortar}."]
+    shape = "" if found.get("shape") in (None, "disc", "sphere") else f" ({found['shape']})"
+    return [f"{found['number']:,} rigid grains{shape} of {sizes} mm {taken}; {mortar}."]
 
 
 def passing(summary) -> list[str]:
@@ -147,7 +148,7 @@ def passing(summary) -> list[str]:
         verdict = "Passes" if k >= MIN_PASSING_RATIO * n * fraction else "Blocks" if p < SIGNIFICANCE else "Not decided"
         verdict = verdict if max(k / n, fraction) > NEGLIGIBLE_FRACTION else "Nothing passes"
         text = f"{verdict}: {k} of {n} grains pass, the mortar follows at {100.0 * fraction:.0f} %."
-    discs = (summary.get("grains") or {}).get("shape") == "disc"
+    discs = (summary.get("grains") or {}).get("shape", "").startswith(("disc", "clump of discs", "ellipse"))
     arch = "Discs in a plane arch otherwise than spheres: it tells no probability of a jam."
     return [f"{text} {arch if discs else 'A jam is a statistic: other seeds may tell otherwise.'}"]
 

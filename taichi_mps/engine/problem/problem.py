@@ -220,7 +220,7 @@ class Problem:
             "numerics": self.numerics.model_dump(),
         }
         if grains := self.scene.grains:
-            facts["grains"] = grains.facts(self.scene.grain_places[0], self.scene.spacing, self.scene.dimension)
+            facts["grains"] = grains.facts(self.scene.grain_places, self.scene.dimension)
         return facts | ({"thin_solids_m": self.thin_solids} if self.thin_solids else {})
 
     def may_be_full(self, to_come: int = 0) -> bool:

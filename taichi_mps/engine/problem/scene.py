@@ -205,8 +205,8 @@ class Scene:
         return start
 
     @property
-    def grain_places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Number (n,) of the grain of each particle, 0 of mortar; centres (g, d) [m]; radii (g,) [m] at 0 s."""
+    def grain_places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Number (n,) of the grain of each particle, 0 of mortar; centres (g, d), radii (g,) [m], rotations at 0 s."""
         return self.grains.places(self.fluid, self.spacing, self.domain, self.periodic)
 
     @property

@@ -191,16 +191,20 @@ def grains_are_supported(scene):
         scene.grains.centres is None or scene.grains.centres.shape[1] == scene.dimension,
         f"grains: centres of shape {np.shape(scene.grains.centres)}: must have {scene.dimension} coordinates",
     )
-    smallest = float(scene.grains.diameters.min())
+    require(
+        not len(scene.grains.rows) or scene.grains.rows.shape[1] == scene.dimension + 1,
+        f"grains: shape = {str(scene.grains.shape):.60}: must be one of {scene.dimension} dimensions, as the scene has",
+    )
+    smallest, what = scene.grains.width, "width of the largest sphere" if len(scene.grains.rows) else "diameter"
     across = smallest / scene.spacing + 1e-9
     require(
         across >= LEAST_ACROSS,
-        f"grains: diameter = {smallest:g} m: is {across:.2g} spacings across; must be {LEAST_ACROSS:g} or more: "
+        f"grains: {what} = {smallest:g} m: is {across:.2g} spacings across; must be {LEAST_ACROSS:g} or more: "
         f"spacing = {smallest / GOOD_ACROSS:g} m",
     )
     if across < GOOD_ACROSS:
         warnings.warn(
-            f"grains: diameter = {smallest:g} m is {across:.2g} spacings across; {GOOD_ACROSS:g} or more are better",
+            f"grains: {what} = {smallest:g} m is {across:.2g} spacings across; {GOOD_ACROSS:g} or more are better",
             stacklevel=4,
         )
     _ = scene.grain_places  # placed now, or refused

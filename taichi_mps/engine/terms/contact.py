@@ -6,8 +6,8 @@ At a contact with the normal n from the other, and the velocity v of the grain r
 
 and in the matrix of the step r n n^T where it presses, r (I - n n^T) where it sticks. A grain keeps the list of its own
 contacts, so one between two grains is in both lists, with opposite forces, and each grain sums its own. Pairs are found
-in the lists of neighbours of its particles; on a wall the point nearest to each of them, so each bar is a contact. A
-list that is full ends the run.
+in the lists of neighbours of its particles; on a wall the point nearest to each of them, so each bar is a contact. In a
+clump each sphere has contacts of its own, found by the particles that count for it. A list that is full ends the run.
 """
 
 import numpy as np
@@ -20,7 +20,8 @@ from ..runtime.thread_team import first, last, wait
 from .constants import Term
 
 NEAR = 0.5  # gap over l0 from which on two are a contact
-MAX_WALL_CONTACTS = 3  # largest number of contacts of a grain with one wall
+MAX_WALL_CONTACTS = 3  # largest number of contacts of a sphere with one wall
+OF_CLUMP = 3  # room for contacts of a clump over that of a sphere
 SAME_CONTACT = 0.5  # cosine between normals from which on two points of a wall are one contact
 STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
 BACK = 0.2  # part of an overlap that is taken back in a step
@@ -40,11 +41,14 @@ class Contacts(Term):
     def __init__(self, fluid, constants, rigid, grains):
         super().__init__(fluid, constants=constants, rigid=rigid)
         self.spacing, self.friction = self.gradient.spacing, grains.friction
-        self.most = most_contacts(rigid.radii, len(self.walls.surfaces))  # room of each grain
+        self.parts = rigid.parts
+        # room of each grain
+        self.most = most_contacts(rigid.radii, len(self.walls.surfaces)) * (OF_CLUMP if self.parts > 1 else 1)
         n = rigid.count * self.most
         self.number = ti.field(ti.i32, rigid.count)
         self.overflow = ti.field(ti.i32, ())  # times in the step that a contact found no room
-        # partner: a grain, or -1 - k of wall k; whether it presses, and sticks
+        # partner: k s + own part of the sphere s of another grain, of k parts each; -1 - (k w + own part) of wall w;
+        # whether it presses, and sticks
         self.partner, self.presses, self.sticks = (ti.field(ti.i32, n) for _ in range(3))
         self.pressed, self.stuck = (ti.field(ti.i32, n) for _ in range(2))  # the same before the last update
         self.normal, self.slip_force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # -, t [N], m/s
@@ -76,43 +80,48 @@ class Contacts(Term):
             self.number[g] = 0
             self.find_grains(g)
             for k, wall in ti.static(enumerate(self.walls.surfaces)):
-                self.find_wall_contacts(g, k, wall)
+                for s in range(g * self.parts, (g + 1) * self.parts):
+                    self.find_wall_contacts(g, s, k, wall)
 
     @ti.func
     def find_grains(self, g):
         """Contacts of grain g with others, from the neighbours of its particles."""
-        centre = self.rigid.in_scene(self.rigid.centre[g])
         for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
-            i = self.rigid.row[m]
+            i, s = self.rigid.row[m], self.rigid.sphere_of[m]
+            centre = self.rigid.in_scene(self.rigid.sphere_centre(s))
             for p in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-                h = self.rigid.grain(self.neighbors.column[p])
-                known = h < 0 or h == g
+                t = self.rigid.sphere(self.neighbors.column[p])
+                partner = t * self.parts + s % self.parts
+                known = t < 0 or t // self.parts == g
                 for c in range(g * self.most, g * self.most + self.number[g]):
-                    known = known or self.partner[c] == h
+                    known = known or self.partner[c] == partner
                 if not known:
                     r = -self.three_components(
-                        self.neighbors.bins.displacement(centre, self.rigid.in_scene(self.rigid.centre[h]))
+                        self.neighbors.bins.displacement(centre, self.rigid.in_scene(self.rigid.sphere_centre(t)))
                     )
-                    gap = r.norm() - self.rigid.radius[g] - self.rigid.radius[h]
+                    gap = r.norm() - self.rigid.sphere_radius[s] - self.rigid.sphere_radius[t]
                     if gap < NEAR * self.spacing:
-                        self.add(g, h, r / r.norm(), gap, ti.Vector.zero(ti.f64, 3))
+                        self.add(g, partner, r / r.norm(), gap, ti.Vector.zero(ti.f64, 3))
 
     @ti.func
-    def find_wall_contacts(self, g, k: ti.template(), wall: ti.template()):
-        """Contacts of grain g with wall k: the point nearest to its particles, and others in other directions."""
-        centre, radius, begin = self.rigid.centre[g], self.rigid.radius[g], self.number[g]
+    def find_wall_contacts(self, g, s, k: ti.template(), wall: ti.template()):
+        """Contacts of sphere s of grain g with wall k: the point nearest to its particles, and others in other
+        directions."""
+        start, radius, begin = self.rigid.centre[g], self.rigid.sphere_radius[s], self.number[g]
+        centre = self.rigid.from_centre(s, start)
         for n in range(MAX_WALL_CONTACTS):
             least, towards = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
             if n == 0 or self.number[g] == begin + n:
                 for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
-                    distance, point, _velocity = self.nearest_point(wall, centre + self.rigid.arm[m])
-                    away = (point - centre).norm()
-                    if distance < 2.4 * self.spacing and away < least:
-                        new = True
-                        for c in range(g * self.most + begin, g * self.most + self.number[g]):
-                            new = new and -self.normal[c].dot(point - centre) < SAME_CONTACT * away
-                        if new:
-                            least, towards = away, (point - centre) / away
+                    if self.rigid.sphere_of[m] == s:
+                        distance, point, _velocity = self.nearest_point(wall, start + self.rigid.arm[m])
+                        away = (point - centre).norm()
+                        if distance < 2.4 * self.spacing and away < least:
+                            new = True
+                            for c in range(g * self.most + begin, g * self.most + self.number[g]):
+                                new = new and -self.normal[c].dot(point - centre) < SAME_CONTACT * away
+                            if new:
+                                least, towards = away, (point - centre) / away
             if least < radius + 2.0 * self.spacing:
                 gap, velocity = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
                 for _ in range(3):  # the point nearest to the grain's own surface
@@ -122,7 +131,7 @@ class Contacts(Term):
                     gap = (point - centre).norm() - radius
                     towards = (point - centre).normalized()
                 if gap < NEAR * self.spacing:
-                    self.add(g, -1 - k, -towards, gap, velocity)
+                    self.add(g, -1 - (k * self.parts + s % self.parts), -towards, gap, velocity)
 
     @ti.func
     def nearest_point(self, wall: ti.template(), x):
@@ -137,7 +146,8 @@ class Contacts(Term):
             c = g * self.most + self.number[g]
             self.number[g] += 1
             self.partner[c], self.normal[c], self.gap[c], self.wall_velocity[c] = other, normal, gap, velocity
-            lighter = g if other < 0 or self.rigid.mass[g] <= self.rigid.mass[ti.max(other, 0)] else other
+            h = ti.max(other, 0) // self.parts**2
+            lighter = g if other < 0 or self.rigid.mass[g] <= self.rigid.mass[h] else h
             self.stiffness[c] = self.penalty(lighter)
             self.force[c], self.slip_force[c], self.sticks[c] = 0.0, ti.Vector.zero(ti.f64, 3), 0
             for b in range(g * self.most, (g + 1) * self.most):
@@ -167,15 +177,24 @@ class Contacts(Term):
     @ti.func
     def arm(self, g, c):
         """Arm from the centre of grain g to its contact c, half-way between both surfaces or on the wall [m]."""
-        gap = self.gap[c] if self.partner[c] < 0 else 0.5 * self.gap[c]
-        return -(self.rigid.radius[g] + gap) * self.normal[c]
+        partner = self.partner[c]
+        gap = self.gap[c] if partner < 0 else 0.5 * self.gap[c]
+        s = g * self.parts + (partner if partner >= 0 else -1 - partner) % self.parts
+        return self.rigid.from_centre(s, -(self.rigid.sphere_radius[s] + gap) * self.normal[c])
+
+    @ti.func
+    def wall(self, c):
+        """Number of the wall of contact c, below 0 where it is one with a grain."""
+        return (-1 - self.partner[c]) // self.parts
 
     @ti.func
     def relative_velocity(self, g, c):
         """Velocity of grain g relative to the other at contact c, a wall at rest, by the motions that P found [m/s]."""
-        v, h = self.rigid.mean[g] + self.rigid.rate[g].cross(self.arm(g, c)), self.partner[c]
-        if h >= 0:
-            arm = (self.rigid.radius[h] + 0.5 * self.gap[c]) * self.normal[c]
+        v = self.rigid.mean[g] + self.rigid.rate[g].cross(self.arm(g, c))
+        if self.partner[c] >= 0:
+            s = self.partner[c] // self.parts
+            h = s // self.parts
+            arm = self.rigid.from_centre(s, (self.rigid.sphere_radius[s] + 0.5 * self.gap[c]) * self.normal[c])
             v -= self.rigid.mean[h] + self.rigid.rate[h].cross(arm)
         return v
 
@@ -200,7 +219,7 @@ class Contacts(Term):
         self.rigid.find_motions(u)
         for g in range(first(self.rigid.count), last(self.rigid.count)):
             force, torque = self.rigid.sums(g, y)
-            torque += self.rigid.extra[g] / self.step[None] * self.rigid.rate[g]
+            torque += self.rigid.beyond_points(g, self.step[None]) @ self.rigid.rate[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
                 f = self.resisted(c, self.relative_velocity(g, c), self.presses[c], self.sticks[c])
                 force += f
@@ -213,7 +232,7 @@ class Contacts(Term):
         """b <- P b plus the known part of what the contacts and the rotation of the solid add [N]."""
         for g in range(self.rigid.count):
             force, torque = self.rigid.sums(g, b)
-            torque += self.rigid.extra[g] / self.step[None] * self.rigid.spin[g]
+            torque += self.rigid.beyond_points(g, self.step[None]) @ self.rigid.spin[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
                 n = self.normal[c]
                 known = self.wall_velocity[c] - self.opening(c) * n
@@ -263,7 +282,7 @@ class Contacts(Term):
         mu = ti.cast(self.friction, ti.f64)
         for k, wall in ti.static(enumerate(self.walls.surfaces)):
             if ti.static(wall.slip):  # noqa: SIM102  (a compiled choice stays apart)
-                if self.partner[c] == -1 - k:
+                if self.wall(c) == k:
                     mu = 0.0
         return mu
 
@@ -275,7 +294,7 @@ class Contacts(Term):
             for c in range(g * self.most, g * self.most + self.number[g]):
                 force = -(self.force[c] * self.normal[c] + self.slip_force[c])
                 for j, number in ti.static(enumerate(loads.numbers)):
-                    if self.partner[c] == -1 - number:
+                    if self.wall(c) == number:
                         point = self.rigid.in_scene(self.rigid.centre[g] + self.arm(g, c))
                         on_wall = ti.cast(self.rigid.in_scene(force), float)
                         arm = ti.cast(self.walls.surfaces[number].arm(point), float)
@@ -296,7 +315,10 @@ class Contacts(Term):
         contacts."""
         I = ti.Matrix.identity(ti.f64, 3)  # noqa: E741
         for g in range(self.rigid.count):
-            self.translation_mobility[g], self.rotation_mobility[g] = 0.0 * I, self.rigid.extra[g] / self.step[None] * I
+            self.translation_mobility[g], self.rotation_mobility[g] = (
+                0.0 * I,
+                self.rigid.beyond_points(g, self.step[None]),
+            )
             for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
                 D, A = inverse_diagonal[self.rigid.row[m]].inverse(), 0.0 * I
                 for a, b in ti.static(ti.ndrange(self.dimension, self.dimension)):

@@ -5,14 +5,18 @@ The rigid motions are the unknowns. With the orthogonal projector P of velocitie
     P u |_m = U + w x y_m,    U = (1/N) sum u_m,    w = J^-1 sum y_m x u_m,    J = sum (y.y I - y y),
 
 y_m the arms from its centre, each solve for the velocity becomes P A P u = P b. P is symmetric because all particles of
-a grain have one mass, so the same sums make its motion of velocities and its force and torque of forces. A sphere's
-moment of inertia is not that of its particles as points: the difference, times the rotation, is added.
+a grain have one mass, so the same sums make its motion of velocities and its force and torque of forces. A solid's
+moment of inertia is not that of its particles as points: the difference, times the rotation, is added. One that is no
+sphere keeps its angular momentum while it turns freely, so its spin changes.
+
+A grain is a clump of spheres, most often of one; each of its particles counts for the sphere to whose surface it is
+nearest.
 
 A particle of a grain that sees no mortar carries neither stress nor pressure: its gradient is taken out. At the surface
 a gradient sees both sides, but all strain is that of the mortar, whose fraction along the normal is c. The mortar that
 it sees lies farther from the grain than the particle, whose stress is wanted, and there the stress is less: by the law
 of the mortar it is multiplied by what it falls around a sphere that turns, s = (r_m/r_i)^d, r_m and r_i the distances
-of the middle of that mortar and of the particle from the centre (G4).
+of the middle of that mortar and of the particle from the centre of the sphere (G4).
 """
 
 import numpy as np
@@ -33,11 +37,16 @@ class Rigid(Term):
 
     def __init__(self, fluid, problem):
         super().__init__(fluid)
-        number, centres, radii = problem.scene.grain_places
+        number, _, radii, _ = problem.scene.grain_places
+        self.spheres, self.inertia = problem.scene.grains.clump(self.dimension)
+        self.parts, self.uneven = len(self.spheres), self.dimension == 3 and len(self.spheres) > 1  # inertia by axis
         self.count, self.members = len(radii), int((number > 0).sum())
         self.yields = problem.law == "yield-stress"
         self.begin, self.grain_of = ti.field(ti.i32, self.count + 1), ti.field(ti.i32, self.members)
-        self.row = ti.field(ti.i32, self.members)  # of each member, a particle of a grain
+        # of each member, a particle of a grain, and the number of its sphere among those of all grains
+        self.row, self.sphere_of = (ti.field(ti.i32, self.members) for _ in range(2))
+        spheres = self.count * self.parts
+        self.sphere_radius, self.sphere_offset = double_field(spheres), double_field(spheres, 3)  # in the grain [m]
         self.place, self.arm = (
             double_field(self.members, 3),
             double_field(self.members, 3),
@@ -46,36 +55,60 @@ class Rigid(Term):
         self.rotation, self.inverse = (ti.Matrix.field(3, 3, ti.f64, self.count) for _ in range(2))  # R, J^-1 [1/m2]
         self.mean, self.rate = double_field(self.count, 3), double_field(self.count, 3)  # motion that P finds
         self.radius, self.mass = ti.field(ti.f64, self.count), ti.field(ti.f64, self.count)  # [m, kg]
-        self.extra = ti.field(ti.f64, self.count)  # moment of inertia beyond that of its particles as points [kg m2]
+        # in the grain, moment of inertia of the solid, and what it is beyond that of its particles as points [kg m2]
+        self.solid, self.extra = (ti.Matrix.field(3, 3, ti.f64, self.count) for _ in range(2))
         self.mortar_fraction = ti.field(real(), self.capacity)  # c of each particle [-]
         self.stress_ratio = ti.field(real(), self.capacity)  # s of each particle [-]
         self.masked = ti.field(ti.i32, self.capacity)  # 1 of a particle of a grain that sees no mortar
         fields = {"centre": self.centre, "velocity": self.velocity, "spin": self.spin, "turn": self.rotation}
         self.motions = FieldIO({f"grain_{name}": field for name, field in fields.items()}, self.count)
-        self._place(problem.scene, number, centres, radii)
+        self._place(problem.scene)
 
-    def _place(self, scene, number, centres, radii) -> None:
+    def _place(self, scene) -> None:
         """Put the grains at their places at 0 s, at rest."""
+        number, centres, radii, rotations = scene.grain_places
         d, x, size = self.dimension, scene.fluid, np.subtract(*scene.domain[::-1])
         members = np.argsort(number, kind="stable")[len(number) - self.members :]
         of = number[members] - 1
         arms = x[members] - centres[of]
         arms -= np.array(scene.periodic) * size * np.round(arms / size)
-        places, start = np.zeros((self.members, 3)), np.zeros((self.count, 3))
-        places[:, :d], start[:, :d] = arms, centres
+        places, start, turn = (
+            np.zeros((self.members, 3)),
+            np.zeros((self.count, 3)),
+            np.tile(np.eye(3), (self.count, 1, 1)),
+        )
+        places[:, :d], start[:, :d], turn[:, :d, :d] = arms, centres, rotations
+        velocity, spin = self._motion(of, places, scene.velocity[members] if scene.velocity is not None else 0.0 * arms)
+        places = (places[:, None] @ turn[of])[:, 0]
         counts = np.bincount(of, minlength=self.count)
         mass = scene.grains.density * counts * scene.spacing**d
         moment = np.bincount(of, (arms**2).sum(1), self.count) * (2.0 / 3.0 if d == 3 else 1.0)
-        sphere = (0.4 if d == 3 else 0.5) * mass * radii**2
+        solid = self.inertia * (mass * radii**2)[:, None, None]
+        extra = np.eye(3) * (self.inertia[2, 2] * mass * radii**2 - mass / counts * moment)[:, None, None]
+        if self.uneven:
+            outer = places[:, :, None] * places[:, None]
+            points = np.trace(outer, axis1=1, axis2=2)[:, None, None] * np.eye(3) - outer
+            extra = solid - (mass / counts)[:, None, None] * np.add.reduceat(points, np.cumsum(counts) - counts)
+        # spheres in the grain [m], and the one to whose surface each member is nearest
+        offset = 2.0 * radii[:, None, None] * np.pad(self.spheres[:, :d], ((0, 0), (0, 3 - d)))
+        radius = np.outer(2.0 * radii, self.spheres[:, d])
+        nearest = (np.linalg.norm(places[:, None] - offset[of], axis=-1) - radius[of]).argmin(1)
         self.radii = radii
         self.of_members = np.append(0, of + 1).astype(np.int32)  # number of the grain by the slot, 0 of mortar
-        self.begin.from_numpy(np.append(0, np.cumsum(counts)).astype(np.int32))
-        self.grain_of.from_numpy(of.astype(np.int32))
-        for field, values in ((self.place, places), (self.radius, radii), (self.mass, mass)):
+        for field, values in (
+            (self.begin, np.append(0, np.cumsum(counts)).astype(np.int32)),
+            (self.grain_of, of.astype(np.int32)),
+            (self.sphere_of, (of * self.parts + nearest).astype(np.int32)),
+            (self.sphere_radius, radius.ravel()),
+            (self.sphere_offset, offset.reshape(-1, 3)),
+            (self.place, places),
+            (self.radius, radii),
+            (self.mass, mass),
+            (self.solid, solid),
+            (self.extra, extra),
+        ):
             field.from_numpy(values)
-        self.extra.from_numpy(sphere - mass / counts * moment)
-        velocity, spin = self._motion(of, places, scene.velocity[members] if scene.velocity is not None else 0.0 * arms)
-        state = {"grain_centre": start, "grain_turn": np.eye(3), "grain_velocity": velocity, "grain_spin": spin}
+        state = {"grain_centre": start, "grain_turn": turn, "grain_velocity": velocity, "grain_spin": spin}
         self.motions.load(state, self.count)
 
     def _motion(self, of, arms, u) -> tuple[np.ndarray, np.ndarray]:
@@ -103,10 +136,45 @@ class Rigid(Term):
     @ti.func
     def grain(self, i):
         """Number of the grain of particle i, -1 of mortar."""
-        slot, g = self.particles.slot[i], -1
+        return self.sphere(i) // self.parts
+
+    @ti.func
+    def sphere(self, i):
+        """Number of the sphere of particle i among those of all grains, -1 of mortar."""
+        slot, s = self.particles.slot[i], -1
         if slot > 0:
-            g = self.grain_of[slot - 1]
-        return g
+            s = self.sphere_of[slot - 1]
+        return s
+
+    @ti.func
+    def from_centre(self, s, v):
+        """A vector from the centre of sphere s as one from the centre of its grain [m]."""
+        if ti.static(self.parts > 1):
+            v += self.rotation[s // self.parts] @ self.sphere_offset[s]
+        return v
+
+    @ti.func
+    def sphere_centre(self, s):
+        """Centre of sphere s [m]."""
+        return self.from_centre(s, self.centre[s // self.parts])
+
+    @ti.func
+    def beyond_points(self, g, dt):
+        """Moment of inertia of grain g in space beyond that of its particles as points, over dt [kg m2/s]."""
+        E = self.extra[g][2, 2] / dt * ti.Matrix.identity(ti.f64, 3)
+        if ti.static(self.uneven):
+            E = self.rotation[g] @ (self.extra[g] / dt) @ self.rotation[g].transpose()
+        return E
+
+    @ti.func
+    def rotated(self, w):
+        """Rotation exp([w]x) by an angle |w|."""
+        angle = w.norm()
+        K = ti.Matrix([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]], dt=ti.f64)
+        s, c = ti.cast(1.0, ti.f64), ti.cast(0.5, ti.f64)
+        if angle > 1e-9:
+            s, c = ti.sin(angle) / angle, (1.0 - ti.cos(angle)) / (angle * angle)
+        return ti.Matrix.identity(ti.f64, 3) + s * K + c * K @ K
 
     @ti.func
     def sums(self, g, v: ti.template()):
@@ -141,10 +209,10 @@ class Rigid(Term):
         wait()
 
     @ti.func
-    def fall(self, g, i, offset):
-        """By which factor the shear stress around grain g falls from particle i to the place ``offset`` [m] from it,
-        where a fluid carries the couple of a turning grain outward: as 1/r^d."""
-        centre, half = self.in_scene(self.centre[g]), 0.5 * self.gradient.spacing
+    def fall(self, sphere, i, offset):
+        """By which factor the shear stress around a sphere falls from particle i to the place ``offset`` [m] from it,
+        where a fluid carries the couple of a turning sphere outward: as 1/r^d."""
+        centre, half = self.in_scene(self.sphere_centre(sphere)), 0.5 * self.gradient.spacing
         r = ti.cast(self.neighbors.bins.displacement(centre, self.particles.x[i]), float)
         return (ti.max(half, (r + offset).norm()) / ti.max(half, r.norm())) ** self.dimension
 
@@ -159,16 +227,19 @@ class Rigid(Term):
 
     @stage("grains")
     def drift(self, time: float):
-        """c <- c + time U and R <- exp(time w) R, exactly, and the particles at c + R Y with U + w x R Y (G3)."""
+        """c <- c + time U and R <- exp(time w) R, exactly, and the particles at c + R Y with U + w x R Y (G3). Where I
+        differs by axis w is that half-way by the angular momentum, and follows from it: w = (R I R^T)^-1 L."""
         for g in range(self.count):
             self.centre[g] += time * self.velocity[g]
-            w = self.spin[g] * time
-            angle = w.norm()
-            K = ti.Matrix([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]], dt=ti.f64)
-            s, c = ti.cast(1.0, ti.f64), ti.cast(0.5, ti.f64)
-            if angle > 1e-9:
-                s, c = ti.sin(angle) / angle, (1.0 - ti.cos(angle)) / (angle * angle)
-            self.rotation[g] = (ti.Matrix.identity(ti.f64, 3) + s * K + c * K @ K) @ self.rotation[g]
+            w = self.spin[g]
+            if ti.static(self.uneven):
+                R, slowness = self.rotation[g], self.solid[g].inverse()
+                L = R @ (self.solid[g] @ (R.transpose() @ w))
+                half = self.rotated(0.5 * time * w) @ R
+                w = half @ (slowness @ (half.transpose() @ L))
+                end = self.rotated(time * w) @ R
+                self.spin[g] = end @ (slowness @ (end.transpose() @ L))
+            self.rotation[g] = self.rotated(w * time) @ self.rotation[g]
         for m in range(self.members):
             self.arm[m] = self.rotation[self.grain_of[m]] @ self.place[m]
         for i in range(self.particles.count[None]):
@@ -186,13 +257,13 @@ class Rigid(Term):
             slot, own, masked = self.particles.slot[i], self.grain(i), ti.cast(self.particles.slot[i] > 0, ti.i32)
             if slot > 0:
                 self.row[slot - 1] = i
-            m, core, nearest = ti.Vector.zero(float, self.dimension), own, ti.cast(0.0, float)
+            m, core, nearest = ti.Vector.zero(float, self.dimension), self.sphere(i), ti.cast(0.0, float)
             for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
                 other, weight = self.grain(self.neighbors.column[k]), self.gradient.weight_r2[k]
                 if other != own and weight > 0.0:
                     m += self.gradient.b[k]
                     if own < 0 and weight > nearest:
-                        core, nearest = other, weight
+                        core, nearest = self.sphere(self.neighbors.column[k]), weight
                 if other < 0:
                     masked = 0
             self.masked[i], self.mortar_fraction[i], self.stress_ratio[i] = masked, 1.0, 1.0

@@ -1,0 +1,104 @@
+"""Grains that are no spheres: clumps in contact, in free flight and in shear."""
+
+import numpy as np
+import pytest
+
+import taichi_mps as mps
+from taichi_mps.engine.geometry.packing import template
+
+from .test_grains import L0, THIN, G, sheared, two_bars
+
+# in spacings, so that all lie well on the lattice: five discs that touch in a row, five spheres with three inertias
+ROD = [(4.0 * k, 0.0, 2.0) for k in (-2, -1, 0, 1, 2)]
+CROSS = [(0.0, 0.0, 0.0, 2.0), *((s * a, s * b, 0.0, 2.0) for a, b in ((3.0, 0.0), (0.0, 2.0)) for s in (-1, 1))]
+
+
+def dry(shape, places, across=None, velocities=0.0, spin=(0.0, 0.0, 0.0), **more):
+    """Grains without mortar near the places (g, d) [m], ``across`` spacings wide or as their rows tell, with velocities
+    (g, d) [m/s] and a spin [1/s]."""
+    d, spheres = len(places[0]), mps.Grains(diameter=1.0, volume_fraction=0.1, shape=shape).clump(len(places[0]))[0]
+    across = across or shape[0][-1] / spheres[0, -1]
+    offset, cells = template(across, d, tuple(map(tuple, spheres.tolist())))
+    arms = (cells - offset) * L0
+    centres = (np.round(np.array(places) / L0 - offset) + offset) * L0
+    turning = np.cross(spin, np.pad(arms, ((0, 0), (0, 3 - d))))[:, :d]
+    u = np.broadcast_to(velocities, centres.shape)[:, None] + turning
+    numbers = {"gravity": (0.0,) * d, "velocity": u.reshape(-1, d), "until": 10.0} | more
+    numbers["grains"] = mps.Grains(diameter=across * L0, centres=centres, shape=shape)
+    x = (centres[:, None] + arms).reshape(-1, d)
+    scene = mps.Scene("dry", THIN, L0, x, ((-0.4,) * d, (0.4,) * d), **numbers)
+    return mps.Simulation(scene, mps.Implicit(tolerance=1e-10))
+
+
+def momenta(sim):
+    """Momentum [kg m/s], angular momentum [kg m2/s] and kinetic energy [J] of all grains, in three dimensions."""
+    g, rigid = sim.grains, sim.scheme.rigid
+    m, turn = rigid.mass.to_numpy()[:, None], g.rotations
+    own = turn @ rigid.solid.to_numpy() @ turn.transpose(0, 2, 1) @ g.spins[..., None]
+    energy = 0.5 * (m * g.velocities**2).sum() + 0.5 * (g.spins * own[..., 0]).sum()
+    return (m * g.velocities).sum(0), (m * np.cross(g.centres, g.velocities) + own[..., 0]).sum(0), energy
+
+
+@pytest.mark.long
+def test_a_free_cross_of_five_spheres_tumbles_with_its_angular_momentum_and_energy():
+    """Euler's top, spun about its middle axis, which is unstable: it turns over. A solve has a
+    tolerance of 1e-10, and P one of some 1e-12, by which its J is regularised."""
+    sim = dry(CROSS, [(0.0, 0.0, 0.0)], spin=(0.3, 20.0, 0.1))
+    _, angular, energy = momenta(sim)
+    along = [20.0]
+    while along[-1] > -19.0 and sim.time < 3.0:
+        sim.step()
+        along.append((sim.grains.rotations[0].T @ sim.grains.spins[0])[1])
+    _, after, left = momenta(sim)
+    assert along[-1] < -19.0, "it has not turned over"
+    assert after == pytest.approx(angular, abs=1e-8 * np.linalg.norm(angular))
+    assert left == pytest.approx(energy, rel=1e-5)
+
+
+@pytest.mark.long
+def test_two_ellipsoids_that_collide_keep_momentum_and_angular_momentum_and_go_on_bit_for_bit():
+    sim = dry("ellipsoid 2:1:1", [(0.0, 0.0, 0.0), (0.02, 0.0, 0.09)], 4.9, [(0.0, 0.0, 0.5), (0.0, 0.0, -0.5)])
+    momentum, angular, energy = momenta(sim)
+    while sim.scheme.contacts.force.to_numpy().max() == 0.0:
+        sim.step()
+    met, ends = sim.state(), []
+    for _ in range(2):
+        sim.load(met)
+        for _ in range(10):
+            sim.step()
+        ends.append(sim.state())
+    assert all(np.array_equal(values, ends[1][name]) for name, values in ends[0].items())
+    while sim.time < 0.2:
+        sim.step()
+    after, turned, left = momenta(sim)
+    assert np.abs(sim.grains.spins[:, 1]).min() > 0.5 and left < energy, "they have not met"
+    assert after == pytest.approx(momentum, abs=1e-9) and turned == pytest.approx(angular, abs=1e-9)
+
+
+@pytest.mark.long
+def test_a_rod_lies_across_a_gap_through_which_a_disc_twice_as_wide_falls():
+    """Five discs in a row, the outermost over the middles of two round bars three widths apart: at rest they touch
+    them, within their samples, a quarter of a spacing apart."""
+    bars = two_bars(8.0 * L0, 2.0 * L0)
+    for shape, across in ((ROD, None), ("sphere", 8.0)):
+        sim = dry(shape, [(0.0, 0.08)], across, gravity=(0.0, -G), walls=(bars,))
+        while sim.time < 0.4 and sim.grains.centres[0, 1] > -0.1:
+            sim.step()
+        if shape == ROD:
+            assert sim.grains.centres[0] == pytest.approx([0.0, 4.0 * L0], abs=0.03 * L0)
+            assert np.abs(sim.grains.velocities).max() < 1e-4 and sim.scheme.contacts.number[0] == 2
+    assert sim.grains.centres[0, 1] < -0.1
+
+
+@pytest.mark.long
+def test_an_ellipse_in_shear_takes_jefferys_time_for_half_a_turn():
+    """Jeffery 1922, unbounded: pi (r + 1/r)/gamma, here a gap of four diameters of equal area; 8 spacings across."""
+    sim = sheared(0.16, diameter=0.04, shape="ellipse 2:1")
+    times, angles = [], []
+    while not angles or np.unwrap(angles)[-1] < angles[0] + np.pi:
+        sim.step()
+        if sim.time > 0.4:  # the axis turns clockwise
+            times.append(sim.time)
+            angles.append(np.arctan2(*sim.grains.rotations[0, 0, ::-1]))
+    angles = np.unwrap(angles)
+    assert np.interp(angles[0] + np.pi, angles, times) - times[0] == pytest.approx(2.5 * np.pi, rel=0.03)
