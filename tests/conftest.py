@@ -27,8 +27,10 @@ def taichi():
     backend.init(arch="cpu", precision="f64", threads=1)
 
 
-# files of 20 s and more, the longest first: at the end of a run no worker waits for another's long file
+# files of 20 s and more, the slow part among them, the longest first: at the end no worker waits for a long file
 LONGEST = (
+    "app/test_app.py",
+    "terms/test_grains.py",
     "cli/test_cli.py",
     "schemes/test_semi_implicit.py",
     "simulation/test_forces_in_time.py",
@@ -63,6 +65,7 @@ CORE = (
     "runtime/test_workarounds.py",
     "runtime/test_field_io.py",
     "runtime/test_stages.py",
+    "runtime/test_sums.py::test_a_solve_on_a_gpu_asks_python_twice_with_the_bits_of_one_that_asks_at_each_iteration",
     "runtime/test_thread_team.py::test_members_wait_for_each_other",
     "runtime/test_thread_team.py::test_more_members_than_threads_do_not_wait_for_ever",
     "runtime/test_thread_team.py::test_a_team_solves_bit_for_bit_as_one_thread",

@@ -44,10 +44,10 @@ def test_the_flow_of_an_open_channel_between_rough_sides_nears_the_series():
     assert 0.0 < errors[1] < 0.06 and errors[1] < 0.5 * errors[0], errors
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("yield_stress", "error"),
-    [(0.0, 0.02), pytest.param(100.0, 0.05, marks=pytest.mark.long)],
+    [(0.0, 0.02), (100.0, 0.05)],
     ids=["Newtonian", "Bingham"],
 )
 def test_the_pressure_between_plates_that_close_is_that_of_lubrication(yield_stress, error):

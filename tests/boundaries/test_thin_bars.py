@@ -46,8 +46,8 @@ def flow(diameter, material, force):
     return np.mean(flows), scene
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("diameter", [0.64 * L0, pytest.param(0.4 * L0, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("diameter", [0.64 * L0, 0.4 * L0])
 def test_a_bar_resists_a_flow_across_it_by_up_to_a_quarter_too_little(diameter):
     """The drag in a Newtonian fluid at a mean velocity of 1 cm/s is 0 to 25 % below the exact one."""
     exact = drag(np.pi * diameter**2 / (4.0 * SIDE**2)) * ETA
@@ -61,7 +61,7 @@ def test_a_bar_resists_a_flow_across_it_by_up_to_a_quarter_too_little(diameter):
 BINGHAM = {1: 25.83, 10: 156.9}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("bingham_number", BINGHAM)
 def test_a_bar_one_particle_thick_resists_as_a_finer_run_within_a_tenth(bingham_number):
     """The velocity of the finer run, 1 cm/s, lies between those driven by a tenth less and a tenth more force."""

@@ -46,7 +46,7 @@ def test_a_new_case_stands_for_the_same_scene_numerics_and_options(tmp_path, cap
     assert planned("run", [str(path), "--every=0.04"])[1].every == 0.04, "an option beside the file counts"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_from_the_case_in_a_run_folder_is_the_same_run(tmp_path):
     one, two = (RunFolder(tmp_path / name) for name in ("one", "two"))
     assert main(["run", "film", *QUICK, "--yield-value=0.4 kPa", f"--out={one.path}"]) == 0

@@ -150,7 +150,7 @@ def results(folder):
     return found | {"history": folder.history.read_bytes()}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_killed_at_random_steps_goes_on_bit_for_bit(work, whole):
     """After each SIGKILL what was written can be read, and the resumed run ends with the same bits. 20 kills:
     TAICHI_MPS_KILLS=20 pytest -n0 -k killed."""

@@ -64,8 +64,8 @@ def test_on_windows_kernels_lie_in_the_folder_of_the_user(monkeypatch, tmp_path)
     assert os.environ["QD_OFFLINE_CACHE_FILE_PATH"] == str(tmp_path / "quadrants")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("home", [None, pytest.param("/dev/null", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("home", [None, "/dev/null"])
 def test_a_run_and_a_sweep_come_to_their_end(home, tmp_path):
     code, _ = at(home, tmp_path, "-m", "taichi_mps", "run", "film", *SHORT, "--threads=1", "--out=run")
     assert code == 0 and (tmp_path / "run" / "summary.json").is_file()

@@ -2,14 +2,19 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import taichi_mps as mps
 from taichi_mps.engine.linear.node_multigrid import NodeMultigrid
+from taichi_mps.engine.linear.pcg import PCG
+from taichi_mps.engine.runtime import stages
 from taichi_mps.engine.runtime.backend import ti
 from taichi_mps.engine.runtime.stages import Execution, block_stage, loop_stage
 from taichi_mps.engine.runtime.sums import CHUNK, running_sums
 from taichi_mps.engine.runtime.thread_team import first, last, wait
+from taichi_mps.engine.runtime.workarounds import HAS_DEVICE_LOOPS
 from tests.support.devices import as_gpu
+from tests.support.linear import solve, sparse_matrix, spd
 
 
 @pytest.fixture
@@ -67,6 +72,21 @@ def test_threads_of_a_gpu_take_each_row_once_and_are_started_once_a_loop(monkeyp
         f"{k}_range_for" for k in range(3)
     ]  # one kernel, and no thread before a loop to read its length
     assert numbers.x.to_numpy().tolist() == [1 + 100 + 101 + 10] * rows + [0] * (100 - rows)
+
+
+@pytest.mark.skipif(not HAS_DEVICE_LOOPS, reason="a graph that repeats itself, of Quadrants")
+def test_a_solve_on_a_gpu_asks_python_twice_with_the_bits_of_one_that_asks_at_each_iteration(gpu, monkeypatch):
+    a, b = spd(40), np.random.default_rng(1).standard_normal(40)
+    looks, unfinished = [], PCG.unfinished
+    monkeypatch.setattr(PCG, "unfinished", lambda solver: looks.append(solver) or unfinished(solver))
+    found = []
+    for on_device in (True, False):
+        monkeypatch.setattr(stages, "HAS_DEVICE_LOOPS", on_device)
+        x, report = solve(sparse_matrix(sp.csr_matrix(a)), b)
+        found.append((x.tobytes(), report.iterations, len(looks)))
+        looks.clear()
+    assert np.frombuffer(found[0][0]) == pytest.approx(np.linalg.solve(a, b), abs=1e-8)
+    assert found[0][:2] == found[1][:2] and found[0][2] == 2 and found[1][2] == found[1][1] + 1
 
 
 @pytest.mark.long

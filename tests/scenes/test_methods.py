@@ -291,7 +291,7 @@ def test_refusals(name, keywords, message):
         catalogue.build(name, **keywords)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gate_is_lifted_and_times_are_in_the_summary(tmp_path):
     """In the L-flow in the plane the gate holds the column above its lower edge without a leak, and the times of
     summary.json are those of history.csv, also after a resume."""

@@ -100,7 +100,7 @@ def test_a_rectangular_mouth_is_as_wide_and_high_as_it_is_said():
         assert np.ptp(x @ level) == pytest.approx(0.07) and np.ptp(x @ np.cross(level, along)) == pytest.approx(0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_nozzle_that_goes_to_and_fro_lays_even_layers():
     """The body on each part of the path has the section of the nozzle times the number of layers, and the same height
     everywhere."""

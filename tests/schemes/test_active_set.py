@@ -51,7 +51,7 @@ def both():
     return *sims, sims[0].state()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_with_nothing_asleep_it_is_the_same_run_bit_for_bit(both):
     on, off, start = both
     start = start | {"u": 0.3 * np.sin(3.0 * np.pi * start["x"] / [2.4, 0.3])}
@@ -128,7 +128,7 @@ def test_a_step_with_an_active_set_is_that_of_all(both):
     assert max(np.abs(error).max(), np.abs(others).max()) < 0.01 * np.abs(fast).max()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("wall", ["plate", "side"])
 def test_what_a_wall_that_moves_comes_near_takes_part_and_the_far_end_does_not(wall, monkeypatch):
     """A plate comes down at 0.3 m/s from 0.25 m onto a layer at rest, while the left wall slides up at 50 mm/s in its

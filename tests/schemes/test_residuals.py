@@ -53,7 +53,7 @@ def test_fall_with_the_iterations(cone):
     assert (np.divide(found[1:], found[:-1]) < 0.5).all(), found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_tolerance_takes_as_many_iterations_as_it_needs(cone):
     """All steps meet a tolerance, a smaller one in more iterations; half as many leave more in the step after the
     first."""

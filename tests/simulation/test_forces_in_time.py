@@ -92,7 +92,7 @@ def test_a_floor_lifts_a_block_as_it_says(until):
     assert np.abs(sim.snapshot().x - scene.fluid - (0.0, 0.06)).max() < 0.05 * L0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_stands_wakes_when_gravity_turns(monkeypatch):
     """A cone at rest that is left out of the steps flows again as without an active set: after a jump of gravity all
     particles are active."""
@@ -133,8 +133,8 @@ def test_a_jolt_gives_a_free_block_the_velocity_of_its_distance_from_the_hinge(d
 @pytest.mark.parametrize(
     ("frame", "spacing", "numerics"),
     [
-        pytest.param("gravity", L0, {"passes": 6}, marks=pytest.mark.slow),
-        pytest.param("floor", L0 / 2, {"passes": 24, "max_time_step": 1.0 / 384.0}, marks=pytest.mark.slow),
+        pytest.param("gravity", L0, {"passes": 6}, marks=pytest.mark.long),
+        pytest.param("floor", L0 / 2, {"passes": 24, "max_time_step": 1.0 / 384.0}, marks=pytest.mark.long),
     ],
 )
 def test_a_layer_on_a_shaken_floor_slides_where_its_inertia_exceeds_the_yield_stress(frame, spacing, numerics):

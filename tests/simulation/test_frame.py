@@ -47,9 +47,9 @@ def turned(across, dimension, turn, turns, material, spacing=0.01):
     ("across", "dimension", "turn", "turns", "law"),
     [
         (6, 2, 3.0, 0.5, "Bingham"),
-        pytest.param(10, 2, 2.0, 2.0, "Bingham", marks=pytest.mark.slow),
+        pytest.param(10, 2, 2.0, 2.0, "Bingham", marks=pytest.mark.long),
         pytest.param(6, 3, 2.5, 2.0, "Bingham", marks=pytest.mark.slow),
-        pytest.param(6, 3, 2.5, 2.0, "bi-viscosity", marks=pytest.mark.slow),
+        pytest.param(6, 3, 2.5, 2.0, "bi-viscosity", marks=pytest.mark.long),
         pytest.param(6, 3, 2.5, 2.0, "flow curve", marks=pytest.mark.long),
     ],
 )
@@ -132,7 +132,7 @@ def pool(turned, l0=0.01, width=0.06, depth=0.3):
     return s.speed.max(), np.polyval(np.polyfit(s.x[:, along], s.p, 1), 0.0), s.x[:, along].max() + 0.5 * l0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_deep_pool_stands_whichever_axis_its_weight_acts_along():
     """What sets the scale of the pressure is the height along gravity: 0.3 m, not the width of 0.06 m."""
     (speed, bottom, depth), turned = pool(False), pool(True)

@@ -26,7 +26,7 @@ def scene(wall, height):
 
 @pytest.mark.parametrize(
     ("wall", "height", "steps"),
-    [(0.65, 20.0, [0]), pytest.param(0.6875, 2.2, range(1, STEPS), marks=pytest.mark.slow)],
+    [(0.65, 20.0, [0]), pytest.param(0.6875, 2.2, range(1, STEPS), marks=pytest.mark.long)],
     ids=["at once", "when the block comes near"],
 )
 def test_a_list_that_is_too_short_is_made_longer_and_the_step_is_taken_again(wall, height, steps):

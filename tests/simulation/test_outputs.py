@@ -51,7 +51,7 @@ RUNS = pytest.mark.parametrize(
         pytest.param("film", {"spacing": 0.01}, None, 0.3, marks=pytest.mark.slow),
         ("slump", RINGS, None, 5.0),
         pytest.param(
-            "slump", {"model": "quarter", "spacing": 0.025, "yield_value": 500.0}, None, 5.0, marks=pytest.mark.slow
+            "slump", {"model": "quarter", "spacing": 0.025, "yield_value": 500.0}, None, 5.0, marks=pytest.mark.long
         ),
         pytest.param(
             "slump", {"model": "quarter", "spacing": 0.025}, mps.Implicit(sleep="on"), 5.0, marks=pytest.mark.long
@@ -142,8 +142,8 @@ def recorded(folder, sim, stop_at=None):
     return stopped_by
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["implicit", pytest.param("semi-implicit", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("scheme", ["implicit", "semi-implicit"])
 def test_an_interrupted_run_goes_on_with_the_same_steps_and_frames(tmp_path, scheme):
     """Steps and frames are the same although the run was interrupted between two outputs, the next of which lies in the
     step after the checkpoint."""

@@ -30,7 +30,7 @@ def in_threads(*calls):
     return [future.exception() or future.result() for future in futures]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_simulations_take_turns_or_step_at_once_and_do_not_mix_until_init_is_called_again():
     """Two simulations are independent in turn and in parallel; the first step is taken in the thread that called
     init(), in which a Simulation is made."""

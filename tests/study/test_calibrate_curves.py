@@ -254,7 +254,7 @@ def test_a_curve_that_no_run_comes_near_is_told(tmp_path, exact, end):
     assert not fit.constants["yield_value"].determined
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_engine_finds_its_own_constants(tmp_path, monkeypatch, capsys):
     """By the command line the constants of a run with 420 Pa and 65 Pa s are recovered from its slump and slump flow
     over a second and another start, within the 3 % by which 57 particles scatter, with a case file and a chart."""

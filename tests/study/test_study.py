@@ -350,7 +350,7 @@ def test_a_sweep_of_a_law_of_ones_own_is_told_to_compile_for_each_case(tmp_path)
     assert three == pytest.approx(3.0 * one, rel=0.2) and film[1] - film[0] < three - one
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_t500_of_a_case_is_that_of_all_steps():
     """A case measures the slump flow at some steps only; T500, interpolated in time, is that of all within 1 %."""
     soft = {"model": "axisymmetric", "spacing": 0.02, "yield_value": 30.0, "plastic_viscosity": 50.0, "until": 5.0}

@@ -157,7 +157,7 @@ def test_a_disc_rolls_down_a_slope_with_two_thirds_of_its_weight_along_it_and_pr
     assert abs(grains.centres[0, 1] - grains.radii[0]) < 1e-3 * L0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_disc_thrown_along_a_floor_slips_until_it_rolls_with_two_thirds_of_its_speed():
     """After v/(3 mu g), 42 ms. Told then that it slips with all its friction, which nothing asks for, it sticks within
     the step: turned round with the slip, that force would leave it a speed of mu g dt."""
@@ -170,7 +170,7 @@ def test_a_disc_thrown_along_a_floor_slips_until_it_rolls_with_two_thirds_of_its
     assert sim.grains.velocities[0, 0] == pytest.approx(0.5 * 2.0 / 3.0, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_disc_slips_on_a_slope_steeper_than_three_times_its_friction():
     sim, along, across = slope(1.5, 0.4)
     assert sim.grains.velocities[0, 0] == pytest.approx(G * (along - 0.4 * across) * sim.time, rel=1e-3)
@@ -270,7 +270,7 @@ def test_grains_in_a_yield_stress_that_holds_them_stand_without_creep():
     assert sorted(np.unique(state.grain)) == [0, 1, 2] and (state.grain == 1).sum() == len(template(4.0, 2)[1])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_sphere_in_a_tenth_more_yield_stress_than_holds_it_by_beris_and_others_stands():
     """8 across, diameter of equal volume. Held by the mortar's yield stress where its own particles are, it falls with
     a few thousandths of Stokes' speed."""
@@ -279,7 +279,7 @@ def test_a_sphere_in_a_tenth_more_yield_stress_than_holds_it_by_beris_and_others
     assert found == pytest.approx(equal, abs=1e-3) and abs(speeds[-1]) < 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_grains_as_dense_as_newtonian_fluid_float():
     """They move by less than a thousandth of what their weight would make without buoyancy, rho g D^2/eta."""
     sim = pool(NEWTONIAN, 0.0)
@@ -287,7 +287,7 @@ def test_grains_as_dense_as_newtonian_fluid_float():
     assert np.abs(sim.grains.velocities).max() < 1e-3 * 2000.0 * G * 0.04**2 / 10.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_disc_in_shear_turns_with_half_of_the_shear_rate():
     """Jeffery 1922, unbounded: gamma/2; four spacings across in a gap of four diameters, from strain 0.4 to 3."""
     side, spacing = 0.08, 0.005
@@ -316,8 +316,8 @@ def test_a_disc_in_shear_turns_with_half_of_the_shear_rate():
     assert abs(sim.grains.centres[0, 1] - start) < 0.02 * spacing
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("across, bound", [(4, 0.1), pytest.param(8, 0.05, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("across, bound", [(4, 0.1), (8, 0.05)])
 def test_spheres_in_a_cubic_array_settle_as_fast_as_by_sangani_and_acrivos(across, bound):
     """Periodic box two diameters wide, Newtonian, radius of equal volume; series of Sangani and Acrivos 1982, which
     gives the drag of Zick and Homsy 1982 within 0.1 % here. The speed is that against no mean flux of volume."""

@@ -94,6 +94,7 @@ class PCG:
             self.set_target(limit, tolerance, min_reduction, max_reduction)
             self.vectors.copy(self.z, self.p)
             barrier()
+            flush()
         while takes_part() and self.unfinished():
             self.A.multiply(self.p, self.q)
             self.vectors.dot(self.p, self.q, self.pq)
@@ -108,7 +109,7 @@ class PCG:
     @ti.pyfunc
     def unfinished(self):
         """Whether another iteration is wanted."""
-        flush()
+        flush(self.left)
         return self.left[None] > 0
 
     @stage("find alpha")

@@ -12,7 +12,7 @@ where they must be woken, to read a number from Python 7: more than the arithmet
 
 On a GPU each loop is started by itself, and before it one thread is, to read how long it is. A ``@loop_stage`` spares
 that: its loop is divided among as many threads as there are rows. A ``@block_stage`` is started once, with all its
-loops.
+loops. On Quadrants a kernel is a graph, started at once, and ``flush(left)`` repeats one without asking Python.
 
 A method becomes a stage by a decorator:
 
@@ -32,7 +32,7 @@ from contextlib import contextmanager
 
 from .backend import for_kernels, real, started, ti
 from .thread_team import Block, GPUThreads, ThreadTeam, enter
-from .workarounds import graph_kernel, less_optimised
+from .workarounds import HAS_DEVICE_LOOPS, graph_kernel, less_optimised
 
 OPTIMISED_FROM_ROWS = 1000
 """Number of rows from which on a fused kernel is optimised by the language, too: up to a fifth more to compile, once,
@@ -69,6 +69,7 @@ class Call:
 def kernel_of(calls, alone: bool, team: ThreadTeam | None):
     """Make a kernel of calls in order: executed by a team, for ``whole`` rows; ``whole`` times by one thread if
     ``alone``; else by all threads."""
+    spread = spread_of(calls)
 
     @graph_kernel
     def run(whole: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
@@ -88,17 +89,41 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
                 for call in ti.static(calls):
                     call(iteration, numbers)
         else:
-            for call in ti.static(calls):
-                if ti.static(bool(call.gpu_threads)):
-                    ti.loop_config(block_dim=call.gpu_threads.in_a_block)
-                    for thread in range(call.gpu_threads.size):
-                        enter(call.gpu_threads, thread)
-                        call(0, numbers)
-                else:
-                    enter(None, 0)
-                    call(0, numbers)
+            spread(numbers)
 
     return run
+
+
+def device_loop_of(calls, left):
+    """Make a kernel that repeats calls without numbers until the field ``left`` is 0, which they count down."""
+    spread = spread_of(calls)
+
+    @graph_kernel
+    def run(again: ti.types.ndarray(ti.i32, ndim=0)):
+        again[None] = 1
+        while ti.graph.do_while(again):
+            spread(())
+            again[None] = left[None]
+
+    return run
+
+
+def spread_of(calls):
+    """Make kernel code of calls whose loops all threads divide among them."""
+
+    @ti.func
+    def spread(numbers: ti.template()):
+        for call in ti.static(calls):
+            if ti.static(bool(call.gpu_threads)):
+                ti.loop_config(block_dim=call.gpu_threads.in_a_block)
+                for thread in range(call.gpu_threads.size):
+                    enter(call.gpu_threads, thread)
+                    call(0, numbers)
+            else:
+                enter(None, 0)
+                call(0, numbers)
+
+    return spread
 
 
 class Execution:
@@ -108,6 +133,7 @@ class Execution:
         self.rows, self.timed, self._team = rows, timed, team
         self.fuses = started()["arch"] == "cpu" and rows < ONE_THREAD_BELOW_ROWS
         gpu = {"loop": GPUThreads(rows)} if started()["arch"] != "cpu" else {}
+        self._again = ti.ndarray(ti.i32, ()) if gpu and HAS_DEVICE_LOOPS else None  # whether a loop goes on
         self._gpu_threads = gpu | ({"block": Block()} if started()["arch"] == "cuda" else {})
         self.spent: dict[str, list] = {}  # wall seconds and calls of each stage, or iterations of a solve
         self._kernels: dict = {}  # by the keys of their calls
@@ -146,12 +172,23 @@ class Execution:
         entry[1] += result if isinstance(result, int) else 1
         return result
 
-    def flush(self, times: int = 1):
-        """Launch the queued stages ``times`` times, in several kernels where one would have too many arguments."""
+    def flush(self, times: int = 1, left=None):
+        """Launch the queued stages ``times`` times, in several kernels where one would have too many arguments. With a
+        field ``left`` a GPU that can repeats them until it is 0."""
         calls, self._waiting = self._waiting, []
+        if calls and left is not None and self._again is not None:
+            return self._launch_device_loop(calls, left)
         while calls:
             with less_optimised(self.fuses and self.rows < OPTIMISED_FROM_ROWS):
                 calls = self._launch_kernel(calls, times, self.fuses)
+
+    def _launch_device_loop(self, calls, left) -> None:
+        """Launch stages without numbers as a loop of the GPU itself."""
+        key = (id(left), *((id(stage), *map(identity, arguments)) for stage, arguments in calls))
+        if key not in self._kernels:
+            made = [Call(self._gpu_threads, *call, [None] * len(call[1])) for call in calls]
+            self._kernels[key] = device_loop_of(made, left)
+        self._kernels[key](self._again)
 
     def launch_team(self, stage, arguments):
         """Launch a stage for a team of all threads; on a GPU part by part."""
@@ -181,7 +218,7 @@ class Execution:
             if len(known) > MAX_NUMBERS:
                 break
             objects = [
-                slot if slot is not None else repr(argument) if type(argument) in (int, float) else id(argument)
+                slot if slot is not None else identity(argument)
                 for argument, slot in zip(arguments, slots, strict=True)
             ]
             key, numbers = (*key, id(stage), *objects), known
@@ -195,14 +232,20 @@ class Execution:
         return left
 
 
+def identity(argument):
+    """What tells an argument that is compiled into a kernel from others: a number's text, an object's identity."""
+    return repr(argument) if type(argument) in (int, float) else id(argument)
+
+
 _current: Execution | None = None
 
 
 @for_kernels
-def flush() -> None:
-    """Launch the queued stages before Python reads a field; no effect inside a kernel."""
+def flush(left=None) -> None:
+    """Launch the queued stages before Python reads a field; no effect inside a kernel. ``left``: a 0-D field that these
+    stages count down to 0; where a GPU can, it repeats them until then without asking Python."""
     if _current and not ti.lang.impl.inside_kernel():
-        _current.flush()
+        _current.flush(left=left)
 
 
 def repeat(times: int):

@@ -68,6 +68,7 @@ _MARK, _OWNER = {
 
 # decorator of kernels whose loops Quadrants starts together on a GPU, as a graph, when it is called again
 graph_kernel = ti.kernel if LANGUAGE == "taichi" else ti.kernel(graph=True)
+HAS_DEVICE_LOOPS = hasattr(ti.graph, "do_while")  # whether a graph repeats itself without asking Python
 
 
 def for_kernels(function, part=None):
