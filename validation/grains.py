@@ -9,6 +9,7 @@ from . import Measured, record
 SIZE, DENSITY, EXTRA, VISCOSITY, GRAVITY = 0.016, 2200.0, 500.0, 20.0, 9.81  # [m, kg/m3, kg/m3, Pa s, m/s2]
 HELD = 0.143 / 3.0  # tau_y/(drho g d) that holds a sphere (Beris et al. 1985)
 EINSTEIN, PACKED = 2.5, 0.64  # intrinsic viscosity of spheres (Einstein 1906), volume fraction at which they jam
+LIGHT = 20.0  # density [kg/m3] with which a shear is steady after some milliseconds
 STANDS, CREEP = 1e-4, 1e-6  # speeds over Stokes' after 2 s: of a sphere that is held, and well above the threshold
 
 
@@ -52,7 +53,7 @@ def thickened(across: int, wide: int, strain: float, **grains) -> tuple[float, f
     ]
     scene = mps.Scene(
         "suspension",
-        mps.Newtonian(viscosity=VISCOSITY, density=DENSITY),
+        mps.Newtonian(viscosity=VISCOSITY, density=LIGHT),
         spacing,
         x,
         ((0.0, 0.0, -4.0 * spacing), (side, side, side + 4.0 * spacing)),
@@ -60,7 +61,7 @@ def thickened(across: int, wide: int, strain: float, **grains) -> tuple[float, f
         velocity=(x[:, 2:] - 0.5 * side) * [1.0, 0.0, 0.0],
         gravity=(0.0,) * 3,
         periodic=(True, True, False),
-        grains=mps.Grains(diameter=SIZE, density=DENSITY, **grains),
+        grains=mps.Grains(diameter=SIZE, density=LIGHT, **grains),
         wall_loads=True,
         until=strain,
     )
