@@ -1,4 +1,4 @@
-"""Grains that are no spheres: clumps in contact, in free flight and in shear."""
+"""Grains that are no spheres: clumps in contact and in free flight."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.engine.geometry.packing import template
 
-from .test_grains import L0, THIN, G, sheared, two_bars
+from .test_grains import L0, THIN, G, two_bars
 
 # in spacings, so that all lie well on the lattice: five discs that touch in a row, five spheres with three inertias
 ROD = [(4.0 * k, 0.0, 2.0) for k in (-2, -1, 0, 1, 2)]
@@ -88,17 +88,3 @@ def test_a_rod_lies_across_a_gap_through_which_a_disc_twice_as_wide_falls():
             assert sim.grains.centres[0] == pytest.approx([0.0, 4.0 * L0], abs=0.03 * L0)
             assert np.abs(sim.grains.velocities).max() < 1e-4 and sim.scheme.contacts.number[0] == 2
     assert sim.grains.centres[0, 1] < -0.1
-
-
-@pytest.mark.long
-def test_an_ellipse_in_shear_takes_jefferys_time_for_half_a_turn():
-    """Jeffery 1922, unbounded: pi (r + 1/r)/gamma, here a gap of four diameters of equal area; 8 spacings across."""
-    sim = sheared(0.16, diameter=0.04, shape="ellipse 2:1")
-    times, angles = [], []
-    while not angles or np.unwrap(angles)[-1] < angles[0] + np.pi:
-        sim.step()
-        if sim.time > 0.4:  # the axis turns clockwise
-            times.append(sim.time)
-            angles.append(np.arctan2(*sim.grains.rotations[0, 0, ::-1]))
-    angles = np.unwrap(angles)
-    assert np.interp(angles[0] + np.pi, angles, times) - times[0] == pytest.approx(2.5 * np.pi, rel=0.03)

@@ -20,7 +20,7 @@ class GrainState:
     spins : ndarray, shape (g, 1) in two dimensions, (g, 3) in three
         Angular velocities [1/s].
     rotations : ndarray, shape (g, d, d)
-        Rotations since 0 s [-].
+        Rotations since 0 s, of clumps from their shape as given [-].
     radii : ndarray, shape (g,)
         Radii [m].
 
