@@ -101,7 +101,7 @@ def moved(walls, until):
     ("sign", "unilateral"),
     [
         (-1.0, True),
-        pytest.param(1.0, True, marks=pytest.mark.slow),
+        pytest.param(1.0, True, marks=pytest.mark.long),
         pytest.param(-1.0, False, marks=pytest.mark.long),
         pytest.param(1.0, False, marks=pytest.mark.long),
     ],

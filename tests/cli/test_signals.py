@@ -46,7 +46,7 @@ def hang_up():
         ("start", signal.SIGTERM),
         ("start", signal.SIGHUP),
         pytest.param("start", signal.SIGINT, marks=pytest.mark.slow),
-        pytest.param("steps", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("steps", signal.SIGTERM, marks=pytest.mark.long),
         pytest.param("steps", signal.SIGINT, marks=pytest.mark.long),
         pytest.param("steps", signal.SIGHUP, marks=pytest.mark.slow),
     ],

@@ -84,7 +84,7 @@ def tank(material, walls, width=1.0, depth=0.6, **keywords):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_thin_plate_holds_a_column():
     """A plate half a spacing thick holds a column in a box: after 0.5 s no particle is on its other side."""
     l0 = 0.05
@@ -101,7 +101,7 @@ def test_a_thin_plate_holds_a_column():
     assert abs(s.x[:, 1].max() + 0.5 * l0 - 0.6) < 1.5 * l0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_leaks_where_walls_meet():
     """A block that collapses in a tilted box with a step, one solid, does not leak at inner and outer edges and
     corners."""

@@ -49,7 +49,7 @@ def test_the_preconditioner_is_symmetric_and_positive():
     assert_symmetric_and_positive(*made(24, periodic=True))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nodes_of_a_spray_for_which_there_is_no_room_are_left_out():
     """Drops far from each other touch more nodes of grid 1, of 4 cells each, than there are rows, one for four
     particles: the preconditioner stays symmetric and positive, and the solution is that of Jacobi."""

@@ -153,7 +153,7 @@ def test_a_printed_wall_fails_at_twice_its_yield_stress(structuration):
 COLUMN_HEIGHT = 0.08636857
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_printed_column_fails_between_its_bounds():
     """The height at failure lies between rho g H = sqrt(3) tau_y, 76.8 mm, the strength of each section, and the
     mechanism of least resistance, 86.4 mm. Failure: a foot 1 % wider, which bears 2 % more."""

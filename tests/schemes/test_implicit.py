@@ -31,7 +31,7 @@ def groups(d):
     ("d", "material", "numerics", "part"),
     [
         (2, mps.Bingham(), mps.Implicit(tolerance=1e-12), 0.5),
-        pytest.param(3, mps.Newtonian(viscosity=50.0), mps.Implicit(tolerance=1e-12), 0.5, marks=pytest.mark.slow),
+        pytest.param(3, mps.Newtonian(viscosity=50.0), mps.Implicit(tolerance=1e-12), 0.5, marks=pytest.mark.long),
         (2, mps.Bingham(), mps.SemiImplicit(), 1.0),
     ],
     ids=["2-D Bingham", "3-D Newtonian", "semi-implicit"],

@@ -59,7 +59,7 @@ def test_a_free_block_follows_gravity(free):
     np.testing.assert_equal(vars(again), vars(s))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_full_box_that_is_accelerated_tilts_its_pressure():
     """Away from the walls dp/dx = -rho a and dp/dz = -rho g in the frame of the box: isobars are tilted by a/g, and
     level before."""

@@ -90,7 +90,9 @@ def test_a_heap_on_a_floor_that_moves_is_the_heap_at_rest():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("aside", "material"), [(0.05, LAWS["Bingham"]), (0.03, LAWS["Newtonian"])])
+@pytest.mark.parametrize(
+    ("aside", "material"), [(0.05, LAWS["Bingham"]), pytest.param(0.03, LAWS["Newtonian"], marks=pytest.mark.long)]
+)
 def test_blocks_that_collide_off_centre_keep_their_angular_momentum(aside, material, spacing=0.01):
     mps.init(precision="f32", threads=1)
     block = mps.lattice((0.0, 0.0), (0.1, 0.1), spacing)

@@ -44,7 +44,7 @@ def whole(sim) -> tuple:
 RUNS = pytest.mark.parametrize(
     ("scene", "keywords", "numerics", "until"),
     [
-        pytest.param("film", {"spacing": 0.01}, None, 0.3, marks=pytest.mark.slow),
+        pytest.param("film", {"spacing": 0.01}, None, 0.3, marks=pytest.mark.long),
         ("slump", RINGS, None, 5.0),
         pytest.param(
             "slump", {"model": "quarter", "spacing": 0.025, "yield_value": 500.0}, None, 5.0, marks=pytest.mark.long

@@ -46,7 +46,7 @@ def test_a_law_compiles_its_own_functions_only_and_without_output_nothing_is_rea
     assert sim.steps > 1 and not calls and np.isfinite(sim.report.max_speed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_walls_at_rest_that_do_not_meet_cost_neither_motion_nor_corners_nor_a_yield_stress(forbid):
     for owner, name in (
         (momentum.MomentumOperator, "subtract_wall_motion"),

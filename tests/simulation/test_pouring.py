@@ -56,7 +56,7 @@ def scene(source):
 
 @pytest.mark.parametrize(
     ("yield_value", "plastic_viscosity", "rate"),
-    [pytest.param(50.0, 100.0, 0.05, marks=pytest.mark.slow), (20.0, 20.0, 0.02)],
+    [pytest.param(50.0, 100.0, 0.05, marks=pytest.mark.long), (20.0, 20.0, 0.02)],
 )
 def test_what_a_slow_jet_pours_stands_as_high_as_its_volume(yield_value, plastic_viscosity, rate):
     """Layers that a free fall of 0.25 m has pulled apart, from 0.2 or 0.4 m/s, close again under their weight: the

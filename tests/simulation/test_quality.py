@@ -150,7 +150,7 @@ def test_of_what_falls_moves_and_is_poured_the_speeds_together_bound_a_run():
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_plates_that_close_push_the_fluid_out_as_fast_as_continuity_asks():
     """Plates 22 times as long as wide that close at 0.01 m/s push the fluid out at 0.11 m/s in the mean, within a
     tenth, which does not count as a divergence."""

@@ -30,7 +30,7 @@ def growth_of(rate, structure):
     ("numbers", "within"),
     [
         pytest.param({"consistency": 60.0, "flow_index": 0.5}, 0.03, marks=pytest.mark.long),
-        ({"consistency": 60.0, "flow_index": 1.6}, 0.03),
+        pytest.param({"consistency": 60.0, "flow_index": 1.6}, 0.03, marks=pytest.mark.long),
         ({"casson_viscosity": 20.0}, 0.01),
     ],
 )

@@ -220,7 +220,7 @@ def pool(material, extra, centres=((0.1, 0.08), (0.05, 0.1)), across=4, **more):
     return mps.Simulation(mps.Scene("pool", material, L0, x, domain, walls, grains=grains, until=10.0, **more))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_preconditions_grains_in_mortar_is_the_mobility_of_each_and_positive_definite():
     """Two discs on the floor that stick to each other. Of a grain it is the inverse of the block of P^T D P of its
     translation and of that of its rotation, D that of its particles and contacts, by what A has more with contacts."""
@@ -249,7 +249,7 @@ def test_what_preconditions_grains_in_mortar_is_the_mobility_of_each_and_positiv
     assert values[rigid_away] > 1e6 * np.abs(values[:rigid_away]).max()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_floor_and_sides_bear_the_weight_of_a_pool_with_a_disc_on_its_floor():
     """Pressure of the mortar and contact together, within 0.5 %."""
     sim = pool(NEWTONIAN, 300.0, [(0.105, 0.025)], 5, wall_loads=True)

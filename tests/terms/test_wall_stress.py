@@ -72,7 +72,7 @@ def test_a_channel_on_its_lattice_hardly_slides_past_its_walls(newtonian):
     assert np.sqrt(np.mean((u - 0.5 * PUSH / eta * y * (GAP - y)) ** 2)) < PUSH * L0**2 / (6.0 * eta)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_stress_differs_by_a_spacing_to_both_sides_and_to_the_wall():
     sim = channel(mps.Bingham(density=DENSITY, plastic_viscosity=ETA, yield_value=300.0))
     sim.step()
@@ -106,7 +106,7 @@ def weight_at(sim, stress):
     return at_start, term.weight.to_numpy()[first]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_weight_makes_the_first_row_slide_as_the_exact_film(yielding):
     """Where the wall carries tau_y + s, s < f l0, a plug slides over the film by s^2/(2 f eta): the rate of the first
     row, this speed over l0, needs tau_y + s^2/(2 f l0) there, while the wall must carry tau_y + s."""
