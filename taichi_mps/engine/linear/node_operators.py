@@ -30,7 +30,7 @@ class NodeOperators:
     the centre of a: the operator of an elastic body. On grid 0 only the diagonal blocks D_0 are made, by particle.
     Each cell gives 2^d nodes a part of A_l that is positive, so the eigenvalues of D_l^-1 A_l are at most 2^d.
 
-    The operator is as for NodeMultigrid.
+    Of particle i ``stiffness(i)`` of the operator gives a_i, c_i and S_i (node_multigrid.py).
     """
 
     MIN_GRID_ROWS = 1000  # least number of rows of a grid
