@@ -119,6 +119,8 @@ def test_a_grain_takes_volume_or_centres_and_a_grading_sums_to_one():
     for wrong in ({}, {"volume_fraction": 0.2, "centres": [(0.0, 0.0)]}, {"volume_fraction": 0.36}):
         with pytest.raises(mps.SceneError):
             mps.Grains(diameter=0.01, **wrong)
+    with pytest.raises(mps.SceneError, match="must be one or more"):
+        mps.Grains(diameter=0.04, centres=np.zeros((0, 3)))
     with pytest.raises(mps.SceneError, match="sum 1"):
         mps.Grains(diameter=[(0.01, 0.5), (0.02, 0.4)], volume_fraction=0.2)
     for wrong in ("cube", "ellipsoid 2:1", "ellipse 2:0", "ellipsoid 99:1:1", [(0.0, 0.0, -1.0)], np.zeros((0, 3))):

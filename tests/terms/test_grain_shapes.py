@@ -5,8 +5,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.geometry.packing import template
-
-from .test_grains import L0, THIN, G, two_bars
+from tests.support.grains import L0, THIN, G, two_bars
 
 # in spacings, so that all lie well on the lattice: five discs that touch in a row, five spheres with three inertias
 ROD = [(4.0 * k, 0.0, 2.0) for k in (-2, -1, 0, 1, 2)]

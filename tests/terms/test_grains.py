@@ -5,12 +5,12 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.geometry.packing import template
+from tests.support.grains import L0, THIN, G, two_bars
 from validation.grains import HELD, sphere
 
-L0, STONE, G = 0.01, 2650.0, 9.81
+STONE = 2650.0
 WIDE = (-0.3, -0.2), (0.6, 0.4)
 NEWTONIAN = mps.Newtonian(viscosity=10.0, density=2000.0)
-THIN = mps.Newtonian(viscosity=1e-3, density=1000.0)  # the law where there is no mortar
 
 
 def dry(places, across=4, gravity=(0.0, 0.0), walls=(), velocity=None, friction=0.4, domain=WIDE, **numerics):
@@ -175,15 +175,6 @@ def test_a_disc_slips_on_a_slope_steeper_than_three_times_its_friction():
     sim, along, across = slope(1.5, 0.4)
     assert sim.grains.velocities[0, 0] == pytest.approx(G * (along - 0.4 * across) * sim.time, rel=1e-3)
     assert -sim.grains.spins[0, 0] * sim.grains.radii[0] == pytest.approx(2.0 * 0.4 * G * across * sim.time, rel=1e-2)
-
-
-def two_bars(half, bar):
-    """A solid of two round bars of the radius ``bar``, each ``half`` from the middle [m]."""
-
-    def distance(x):
-        return np.minimum(*(np.hypot(x[:, 0] - side * half, x[:, 1]) for side in (-1.0, 1.0))) - bar
-
-    return mps.Solid.of(distance, (-half - 0.04, -0.03), (half + 0.04, 0.03), 0.25 * L0)
 
 
 @pytest.mark.slow

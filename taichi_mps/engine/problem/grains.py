@@ -73,6 +73,7 @@ class Grains:
             (self.volume_fraction is None) != (self.centres is None),
             "grains: must have either volume_fraction or centres",
         )
+        require(self.centres is None or len(self.centres), "grains: centres = []: must be one or more")
         if np.ndim(self.diameter):
             sound = len(self.diameter) and np.all(self.diameter > 0.0) and abs(self.diameter[:, 1].sum() - 1.0) < 1e-6
             require(

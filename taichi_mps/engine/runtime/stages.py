@@ -233,7 +233,7 @@ class Execution:
 
 
 def identity(argument):
-    """What tells an argument that is compiled into a kernel from others: a number's text, an object's identity."""
+    """Key of an argument that is compiled into a kernel: the text of a number, the id of another object."""
     return repr(argument) if type(argument) in (int, float) else id(argument)
 
 
