@@ -39,10 +39,11 @@ print(run.returncode, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
     ],
 )
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a peak in kilobytes is Linux's")
-def test_the_memory_is_within_a_fifth_of_the_peak_of_a_run(scene, keywords, numerics, until, tmp_path):
+def test_the_memory_is_within_a_fifth_of_the_peak_of_a_first_run(scene, keywords, numerics, until, tmp_path):
     options = [f"--{key}={value}" for key, value in keywords.items()]
     options += [f"--scheme={numerics.scheme}", f"--until={until}", f"--every={until}", f"--out={tmp_path / 'run'}"]
-    code, peak = child("-c", RUN, scene, *options).stdout.split()
+    compiles = {"XDG_CACHE_HOME": str(tmp_path), "TI_OFFLINE_CACHE_FILE_PATH": None}  # it peaks 35 MB higher
+    code, peak = child("-c", RUN, scene, *options, **compiles).stdout.split()
     problem = Problem(mps.catalogue.build(scene, **keywords), numerics)
     single, double = (memory_of(problem, pairs_of(problem.scene), precision) for precision in ("f32", "f64"))
     assert code == "0" and single == pytest.approx(1e3 * int(peak), rel=0.2)
