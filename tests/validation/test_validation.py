@@ -53,7 +53,7 @@ MAY_MEET = {"slump_100_axisymmetric", "slump_1000_coarse"}
 QUICK = tuple(name for name, row in ROWS.items() if row.quick)
 OF_ALL_RUNS = ("slump_1000_coarse",)  # the others of the quick ones take as long to compile, and are slow
 CASES = [("implicit", name) for name in (*OF_ALL_RUNS, *CHEAPEST, *sorted({*QUICK} - {*OF_ALL_RUNS, *CHEAP}))]
-CASES += [("semi-implicit", name) for name in CHEAPEST_OF_THE_PAPERS]
+LONG = [("implicit", name) for name in CHEAP] + [("semi-implicit", name) for name in CHEAPEST_OF_THE_PAPERS]
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def setting(monkeypatch):
     [
         CASES[0],
         *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES[1:]),
-        *(pytest.param("implicit", name, marks=pytest.mark.long) for name in CHEAP),
+        *(pytest.param(*case, marks=pytest.mark.long) for case in LONG),
     ],
 )
 def test_a_row_meets_its_targets_but_for_what_is_known_to_miss(scheme, name, setting):
