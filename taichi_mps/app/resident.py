@@ -7,9 +7,10 @@ import queue
 import subprocess
 import sys
 import threading
-from asyncio.subprocess import DEVNULL, PIPE
+from asyncio.subprocess import PIPE
 from contextlib import suppress
 from itertools import chain, count
+from tempfile import TemporaryFile
 
 IDLE_TIMEOUT = 600.0  # time without a request after which the process ends [s]
 EXIT_TIMEOUT = 3.0  # time for the process to end by itself [s]
@@ -17,7 +18,7 @@ MAX_LINE_BYTES = 2**24  # of an answer
 # of a child: Ctrl-C in the terminal of the server does not reach it. Windows has groups of processes for sessions
 OWN_SESSION = {"start_new_session": True, "creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
 RESTARTED = "The process of the previews had ended; it was started again."
-ENDS_EACH_TIME = "The process of the previews ends each time it is asked for this."
+ENDS_EACH_TIME = "The process of the previews ends each time it is asked for this: "  # and its last words
 
 
 class Resident:
@@ -35,11 +36,12 @@ class Resident:
         async with self.lock:
             for _ in range(2):
                 if not self.alive:
+                    self.messages = TemporaryFile()  # noqa: SIM115 - open as long as the process
                     self.process = await asyncio.create_subprocess_exec(
                         *(sys.executable, "-m", "taichi_mps.app.worker", self.kind),
                         stdin=PIPE,
                         stdout=PIPE,
-                        stderr=DEVNULL,
+                        stderr=self.messages,
                         limit=MAX_LINE_BYTES,
                         **OWN_SESSION,
                     )
@@ -63,7 +65,9 @@ class Resident:
                         self.send({})
                 await self.process.wait()
                 yield {"remark": RESTARTED}
-        yield {"wrong": ENDS_EACH_TIME, "end": True}
+        self.messages.seek(0)
+        last = self.messages.read().decode("utf-8", "replace").rstrip().rpartition("\n")[2]
+        yield {"wrong": ENDS_EACH_TIME + (last or "it was killed"), "end": True}
 
     @property
     def alive(self) -> bool:

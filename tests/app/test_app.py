@@ -348,12 +348,14 @@ def test_a_resident_answers_is_started_again_when_it_dies_and_ends_when_nobody_a
         told = await asking
         resident.idle = 0.2
         await said(resident, yield_value="-3")
-        return first, again, told, await resident.process.wait()
+        failing = await said(Resident("nothing"))
+        return first, again, told, failing, await resident.process.wait()
 
-    first, again, told, code = asyncio.run(course())
+    first, again, told, failing, code = asyncio.run(course())
     assert first == again and first[0]["wrong"].keys() == {"yield_value"} and first[-1] == {"end": True}
     assert told[0] == {"remark": RESTARTED} and told[-2]["space"]
     assert code == 0, "it ended by itself"
+    assert failing[-1]["wrong"].endswith("asked for this: KeyError: 'nothing'")
 
 
 def test_nobody_waits_for_the_preview_of_a_mix_that_was_moved_on():

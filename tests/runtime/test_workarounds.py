@@ -172,6 +172,36 @@ def test_a_function_that_is_called_in_its_own_argument_is_read_rightly_and_keeps
     assert not any(isinstance(node, ast.AST) and hasattr(node, "ptr") for node in gc.get_objects())
 
 
+@pytest.mark.skipif(not workarounds.PATCHED, reason="a patch of Taichi 1.7.4")
+@pytest.mark.parametrize("d", [2, 3])
+def test_matrices_built_directly_are_those_that_the_language_reads_bit_for_bit(d, monkeypatch):
+    """Of numbers whose sums are not exact, of zeros of either sign, and of what is no number."""
+    numbers = np.random.default_rng(1).standard_normal((2, 4, 3, 3))[:, :, :d, :d].copy()
+    numbers[0, 1, 0], numbers[1, 1, 1], numbers[0, 2, 0, 0], numbers[1, 3, 1, 0] = 0.0, -0.0, np.nan, np.inf
+
+    def computed():
+        x, y, matrices = (ti.Matrix.field(d, d, ti.f64, shape) for shape in (4, 4, (4, 4)))
+        vectors, sums = ti.Vector.field(d, ti.f64, (4, 2)), ti.field(ti.f64, (4, 4))
+        x.from_numpy(numbers[0]), y.from_numpy(numbers[1])
+
+        @ti.kernel
+        def run():
+            for i in x:
+                a, b, v = x[i], y[i], y[i][:, 0]
+                matrices[i, 0], matrices[i, 1] = a.transpose() @ b, v.outer_product(a @ v)
+                matrices[i, 2], matrices[i, 3] = a @ b @ a, ti.Matrix.zero(ti.f64, d, d) - b
+                vectors[i, 0], vectors[i, 1] = a @ v, v @ a
+                sums[i, 0], sums[i, 1], sums[i, 2], sums[i, 3] = a.sum(), v.dot(a @ v), v @ v, a.max() - v.min()
+
+        run()
+        return [field.to_numpy().tobytes() for field in (matrices, vectors, sums)]
+
+    built = computed()
+    for direct in ("_reduce", "dot", "transpose", "outer_product", "matmul", "_matmul_helper", "_filled_matrix"):
+        monkeypatch.delattr(getattr(ti.lang.matrix_ops, direct).func, "__call__")
+    assert built == computed() and all(map(any, built))
+
+
 # ---- silence and speed ----------------------------------------------------------------------------------------------
 def test_import_says_nothing():
     """By itself the language greets."""

@@ -47,13 +47,12 @@ def bilinear(table: ti.template(), name: ti.template(), row, column):
     c = ti.static(GHOST_SUMS.index(name))
     k = ti.min(ti.cast(column, ti.i32), table.shape[1] - 2)
     f = column - k
-    value = table[0, k][c] * (1.0 - f) + table[0, k + 1][c] * f
-    if ti.static(table.shape[0] > 1):
-        a = ti.max(0, ti.min(ti.cast(row, ti.i32), table.shape[0] - 2))
-        g = ti.max(0.0, ti.min(1.0, row - a))
-        value = (table[a, k][c] * (1.0 - f) + table[a, k + 1][c] * f) * (1.0 - g)
-        value += (table[a + 1, k][c] * (1.0 - f) + table[a + 1, k + 1][c] * f) * g
-    return value
+    if ti.static(table.shape[0] == 1):
+        return table[0, k][c] * (1.0 - f) + table[0, k + 1][c] * f
+    a = ti.max(0, ti.min(ti.cast(row, ti.i32), table.shape[0] - 2))
+    g = ti.max(0.0, ti.min(1.0, row - a))
+    value = (table[a, k][c] * (1.0 - f) + table[a, k + 1][c] * f) * (1.0 - g)
+    return value + (table[a + 1, k][c] * (1.0 - f) + table[a + 1, k + 1][c] * f) * g
 
 
 @ti.data_oriented

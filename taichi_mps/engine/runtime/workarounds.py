@@ -14,6 +14,7 @@ import importlib
 import inspect
 import linecache
 import math
+import operator
 import os
 import sys
 import textwrap
@@ -21,6 +22,7 @@ import warnings
 from collections import defaultdict
 from contextlib import contextmanager
 from importlib.util import find_spec
+from itertools import product
 from types import SimpleNamespace
 
 from ...units import require
@@ -223,7 +225,60 @@ def shorten_front_end() -> None:
         module.get_traceback = lambda stacklevel=1: ""
 
 
+def build_matrices_directly() -> None:
+    """Patch Taichi to build sums, products and transposes of matrices from the expressions of their entries, in the
+    order of its own functions, which it reads anew for each as it reads a kernel: two fifths of what a cone reads."""
+    from taichi.lang import impl, matrix, matrix_ops
+
+    def once(value):
+        """Shape of a matrix that is computed once, and a function that gives its entries."""
+        value = impl.expr_init(value)
+        return value.get_shape(), lambda *place: impl.subscript(None, value, *place)
+
+    def _reduce(mat, fun):
+        shape, at = once(mat)
+        return impl.expr_init(functools.reduce(fun, (at(*place) for place in product(*map(range, shape)))))
+
+    def dot(x, y):
+        return _reduce(x * y, operator.add)
+
+    def transpose(mat):
+        (n, m), at = once(mat)
+        return matrix.make_matrix([[at(i, j) for i in range(n)] for j in range(m)])
+
+    def outer_product(x, y):
+        ((n,), x), ((m,), y) = once(x), once(y)
+        return matrix.make_matrix([[x(i) * y(j) for j in range(m)] for i in range(n)])
+
+    def matmul(x, y):
+        turned = len(x.get_shape()) < len(y.get_shape())
+        return matrix_ops._matmul_helper(*((matrix_ops.transpose(y), x) if turned else (x, y)))
+
+    def _matmul_helper(x, y):
+        if len(x.get_shape()) == 1:
+            return dot(x, y)
+        ((n, inner), x), ((_, *columns), y) = once(x), once(y)
+        zero = impl.expr_init(x(0, 0) * y(*(0 for _ in (0, *columns))) * 0)
+
+        def entry(i, *k):
+            return functools.reduce(operator.add, (x(i, j) * y(j, *k) for j in range(inner)), zero)
+
+        rows = [[entry(i, k) for k in range(*columns)] if columns else entry(i) for i in range(n)]
+        return impl.expr_init(matrix.make_matrix(rows))
+
+    def _filled_matrix(n, m, dtype, val):
+        return matrix.make_matrix([[val] * m] * n, dtype)
+
+    def chosen(read, direct, *values):
+        return direct(*values) if impl.inside_kernel() else read(*values)
+
+    for direct in (_reduce, dot, transpose, outer_product, matmul, _matmul_helper, _filled_matrix):
+        function = getattr(matrix_ops, direct.__name__).func
+        function.__call__ = functools.partial(chosen, function.func, direct)
+
+
 PATCHED = (LANGUAGE, VERSION) == ("taichi", "1.7.4") and os.environ.get("TAICHI_MPS_WORKAROUNDS") != "0"
 if PATCHED:
     cache_sources()
     shorten_front_end()
+    build_matrices_directly()
