@@ -114,6 +114,7 @@ def row(folder: RunFolder) -> dict:
         if not summary:
             return facts | {"end": "" if facts["runs"] else f"It {NO_SUMMARY}."}
         words = {
+            "scene": summary["scene"],
             "test": in_words(summary["scene"]),
             "mix": mixes(summary),
             "verdict": " ".join(verdicts(summary)),

@@ -20,6 +20,7 @@ from taichi_mps.forecast import accuracy
 from taichi_mps.input import catalogue
 from taichi_mps.input.labels import written
 from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.report.page import write
 from taichi_mps.units import plain
 from tests.support.browser import chromium, needs_chromium, opened
 from tests.support.recorded import recorded
@@ -252,15 +253,22 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
 
 
 @needs_chromium
-def test_a_test_without_preview_shows_its_vessel_to_scale_which_follows_the_fields(tmp_path):
+def test_a_test_without_preview_shows_its_last_run_then_its_vessel_to_scale_which_follows_the_fields(tmp_path):
+    folder, sim, recorder = recorded(tmp_path / "earlier", 2, scene=catalogue.build("l_box", spacing=0.05, until=1.0))
+    sim.facts = lambda results=sim.facts: told_of(sim.scene) | results()
+    recorder.finish("time")
+    write(folder, sim.scene)
     with serving(tmp_path) as (port, server), chromium() as browser:
         tab = Tab(browser, port, "#l_box")
+        tab.part("source", "Last run of this test, earlier: ").wait_for()
+        tab.page.locator("#stage[data-body] #time", has_text="0.02 s").wait_for()  # it moves
         tab.page.locator("#more").evaluate("details => { details.open = true }")
         for length in ("70 cm", "80 cm"):
             tab.set(length=length)
             over = tab.page.locator("#stage[data-body]:not([data-old]) #over", has_text=length)
             over.wait_for(state="attached")
             assert {"20 cm", "60 cm", length} <= set(over.locator("text").all_text_contents())
+            assert "Last run" not in tab.part("source").inner_text()
         before = tab.page.locator("#solid").screenshot()
         tab.page.locator("#solid").press("ArrowRight")
         assert tab.page.locator("#solid").screenshot() != before

@@ -34,6 +34,7 @@ export class Body {
   // Data as of a report; ``words`` stand in place of its time. Where a browser shows none the stage stays as it was.
   async show(data, words = "") {
     this.data = data;
+    cancelAnimationFrame(this.due);  // of the film before
     try {
       const meshes = await decoded(data.film), grains = await decodedGrains(data.film), again = words && this.words;
       if (this.data !== data) return;  // a later one has come

@@ -67,6 +67,7 @@ function choose(name, values) {
   if (other) {
     wrong({});
     state.known = null;
+    state.changed = false;
     for (const id of ["forecast", "remarks"]) by(id).replaceChildren();  // of the test before
     button();
     numbers({}, {}, "");
@@ -148,6 +149,7 @@ function set(name, text) {
   write(name, text);
   mode("preview");
   checking++;  // an answer under way is of the mix before
+  state.changed = true;
   state.known = {space: state.known?.space};  // the forecast is of the mix before, as are numbers and body
   button();
   for (const id of ["verdict", "numbers", "stage"]) by(id).dataset.old = "";
@@ -177,7 +179,12 @@ async function forecast() {
   if (known.wrong && state.mode === "preview") numbers({}, {}, "");
   else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, test().preview ? "Estimate; preview is coming." : "Estimate; this test has no preview.");
   if (test().preview || known.wrong) return;
-  if (known.beginning && state.mode === "preview") {
+  const before = state.changed ? null : ((await ask("list")).runs || []).find((run) => run.scene === test().name && run.whole && run.report);
+  if (number !== checking) return;
+  if (before && state.mode === "preview") {
+    numbers(before.numbers, before.errors, `Last run of this test, ${before.name}: ${before.mix}; ${before.end}`, before.verdict);
+    await body.report(before.report);
+  } else if (known.beginning && state.mode === "preview") {
     delete by("stage").dataset.old;
     await body.show(known.beginning, "before it flows, to scale");
     if (number !== checking) return;
