@@ -19,6 +19,7 @@ from .resident import OWN_SESSION
 
 SHUTDOWN_TIMEOUT = 30.0  # time for a run to end after Ctrl-C [s]
 INTERRUPT = getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT)  # Windows sends no SIGINT to a group of processes
+KILL = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has no SIGKILL
 SIGNAL_CODES = {128 + number for number in SIGNALS}  # exit codes of a command stopped from elsewhere
 MESSAGE_PREFIX = "taichi-mps: "  # beginning of messages of the program
 
@@ -53,11 +54,14 @@ class Job:
         """Whether the job has finished or was cancelled."""
         return self.state not in ("waiting", "running")
 
-    def stop(self) -> None:
-        """Cancel a job that waits; let one that runs finish its step and its folder, as Ctrl-C does."""
+    def stop(self, at_once: bool = False) -> None:
+        """Cancel a job that waits; let one that runs finish its step and its folder, as Ctrl-C does, or end it
+        ``at_once``, as at its last checkpoint."""
         if self.state == "waiting":
             self.state = "stopped"
-        if not self.stopping:  # a second signal would end it at once
+        if at_once:
+            self.send(KILL)
+        elif not self.stopping:  # a second signal would end it before its folder is whole
             self.send(INTERRUPT)
         self.stopping = True
 
@@ -123,4 +127,4 @@ class Queue:
     def kill(self) -> None:
         """Kill the processes that are left."""
         for job in self.jobs:
-            job.send(getattr(signal, "SIGKILL", signal.SIGTERM))  # Windows has no SIGKILL
+            job.send(KILL)

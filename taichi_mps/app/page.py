@@ -40,6 +40,7 @@ class Query(Checked):
     to: str = ""  # new name of a run
     file: str = ""  # a laboratory's list, base64
     job: int = 0
+    at_once: bool = False  # whether a job that is asked to stop may not end its step
 
 
 class Page:
@@ -165,8 +166,8 @@ class Page:
         }
 
     def stop(self, query: Query) -> None:
-        """Stop a job, as Ctrl-C does."""
-        self.job_of(query).stop()
+        """Stop a job, as Ctrl-C does, or at once."""
+        self.job_of(query).stop(query.at_once)
 
 
 def verdict(facts: dict) -> str:

@@ -153,9 +153,9 @@ def anew(name):
     return module
 
 
-def test_stop_reaches_a_run_on_windows(monkeypatch, tmp_path):
+def test_stop_reaches_a_run_on_windows_and_asked_again_kills_it(monkeypatch, tmp_path):
     """SIGINT is none that another process can get there, and SIGTERM kills; Ctrl-Break reaches a group of processes,
-    and the program hears it as Ctrl-C."""
+    and the program hears it as Ctrl-C, once."""
     monkeypatch.delattr(signal, "SIGHUP")
     monkeypatch.setattr(signal, "SIGBREAK", BREAK, raising=False)
     monkeypatch.setattr(signal, "CTRL_BREAK_EVENT", CTRL_BREAK, raising=False)
@@ -163,6 +163,7 @@ def test_stop_reaches_a_run_on_windows(monkeypatch, tmp_path):
     stopped, jobs, sent = anew("cli.stopped"), anew("app.jobs"), []
     job = jobs.Job("film", ["run", "film"], state="running")
     job.process = SimpleNamespace(returncode=None, send_signal=sent.append)
-    job.stop()
-    assert sent == [CTRL_BREAK] and anew("app.resident").OWN_SESSION["creationflags"] == NEW_GROUP
+    for at_once in (False, False, True):
+        job.stop(at_once)
+    assert sent == [CTRL_BREAK, signal.SIGKILL] and anew("app.resident").OWN_SESSION["creationflags"] == NEW_GROUP
     assert stopped.SIGNALS == [signal.SIGINT, signal.SIGTERM, BREAK]

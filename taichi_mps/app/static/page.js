@@ -288,14 +288,14 @@ function button() {
   const {known} = state, busy = state.job && !["done", "stopped", "failed"].includes(state.job.state);
   const made = by("go"), time = known?.seconds ? `, about ${inTime(known.seconds)}` : "";
   made.dataset.action = busy ? "stop" : "run";
-  made.disabled = Boolean(busy ? state.job.stopping : !known?.lines);
+  made.disabled = !busy && !known?.lines;
   const ready = known?.lines || known?.wrong ? time : ", estimating …";
-  made.textContent = busy ? (state.job.stopping ? "Stopping …" : "Stop") : `${known?.space === false ? "Run" : "Run in 3-D"}${ready}`;
+  made.textContent = busy ? (state.job.stopping ? "Stop at once" : "Stop") : `${known?.space === false ? "Run" : "Run in 3-D"}${ready}`;
 }
 
 async function press(event) {
   event.preventDefault();
-  if (by("go").dataset.action === "stop") await ask("stop", {job: state.job.id});
+  if (by("go").dataset.action === "stop") await ask("stop", {job: state.job.id, at_once: state.job.stopping});
   else {
     clearTimeout(resting);
     const answer = await ask("run", {test: test().name, values: state.values});
@@ -334,7 +334,8 @@ function follow(job) {
   const waits = job.state === "waiting";
   const about = job.left === null ? job.about : job.spent + job.left;
   const spent = `${Math.round(job.spent)} s${about ? ` of about ${inTime(Math.max(about, job.spent))}` : ""}`;
-  const where = job.flow === null ? "Compiling …" : `the concrete at ${job.flow.toFixed(2)} s. ${job.result}`;
+  const now = job.flow === null ? "Compiling …" : `the concrete at ${job.flow.toFixed(2)} s. ${job.result}`;
+  const where = job.stopping ? `Stopping ${job.flow === null ? "when this kernel is compiled" : "after this step"} …` : now;
   if (!["done", "stopped", "failed"].includes(job.state)) {
     by("status").textContent = waits ? `${job.title}: waits until the one before is done` : `${spent}: ${where}`;
     by("bar").firstElementChild.style.width = `${100 * Math.min(1, about ? job.spent / about : 0)}%`;
