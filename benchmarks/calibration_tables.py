@@ -1,6 +1,6 @@
 """The studies of tests that `taichi-mps calibrate` looks into, and how well it finds known constants by them.
 
-    python benchmarks/calibration_tables.py slump [WORKERS]      # one process by default; 20 CPU-minutes
+    python benchmarks/calibration_tables.py slump [WORKERS]      # one process by default; half an hour
     python benchmarks/calibration_tables.py mini_cone [WORKERS]
     python benchmarks/calibration_tables.py v_funnel [WORKERS]
     python benchmarks/calibration_tables.py internal_friction [WORKERS]   # half an hour
@@ -45,6 +45,8 @@ TABLES = {
             ("54.66", "30", "0.005"),
             ("134.4", "20", "0.005"),
             ("7,20", "50", "0.0025"),
+            ("3", "30", "0.0025"),
+            ("10", "15", "0.0025"),
         ],
     ),
     "mini_cone": (
