@@ -1,6 +1,6 @@
 """The studies of tests that `taichi-mps calibrate` looks into, and how well it finds known constants by them.
 
-    python benchmarks/calibration_tables.py slump [WORKERS]      # one process by default; 12 CPU-minutes
+    python benchmarks/calibration_tables.py slump [WORKERS]      # one process by default; half an hour
     python benchmarks/calibration_tables.py mini_cone [WORKERS]
     python benchmarks/calibration_tables.py v_funnel [WORKERS]
     python benchmarks/calibration_tables.py internal_friction [WORKERS]   # half an hour
@@ -8,10 +8,11 @@
 
 Each of the first four writes taichi_mps/study/<name>.csv, from studies/<name>_table, where what is there is not run
 again. Some mixes are computed at a finer spacing, too: what it changes is the error of the table. slump: rings of
-10 mm, below 30 Pa of 5 mm, to rest or 120 s; its chart is drawn by `taichi-mps chart`. mini_cone: rings of 2 mm and
-1 mm to rest or 1000 s. v_funnel: a quarter at 12.5 mm and 10 mm, until it is empty. internal_friction: quarters of the
-standard cone at 10 mm, to rest or 120 s. shares: how often the intervals hold the constants of finite elements, whose
-measurements are drawn 200 times with the errors that calibrate takes by default.
+10 mm, below 30 Pa of 5 mm, to rest or 120 s, checked at half of that and between the nodes; its chart is drawn by
+`taichi-mps chart`. mini_cone: rings of 2 mm and 1 mm to rest or 1000 s. v_funnel: a quarter at 12.5 mm and 10 mm, until
+it is empty. internal_friction: quarters of the standard cone at 10 mm, to rest or 120 s. shares: how often the
+intervals hold the constants of finite elements, whose measurements are drawn 200 times with the errors that calibrate
+takes by default.
 """
 
 import csv
@@ -31,15 +32,22 @@ TABLES = {
         {"scene": "slump", "model": "axisymmetric", "until": "120", "density": "2300"},
         (*MIX, "spacing"),
         [
-            ("4", "20,100", "0.005"),
-            ("7,20", "10,20,50,100,200,1000", "0.005"),
+            ("2,4,7,20", "5,10,20,50,100,200,1000", "0.005"),
             (
                 "30,40.49,47,54.66,64,73.78,99.6,134.4,181.5,244.9,330.6,446.3,602.4,813.2,1098,1482",
-                "10,15,20,30,50,100,200,500,1000",
+                "5,10,15,20,30,50,100,200,500,1000",
                 "0.01",
             ),
         ],
-        [],
+        [
+            *((tau, eta, "0.005") for tau, eta in (("5", "30"), ("9", "80"), ("12", "60"), ("15", "35"), ("26", "70"))),
+            ("40.49,99.6,244.9,602.4,1098", "50", "0.005"),
+            ("54.66", "30", "0.005"),
+            ("134.4", "20", "0.005"),
+            ("7,20", "50", "0.0025"),
+            ("3", "30", "0.0025"),
+            ("10", "15", "0.0025"),
+        ],
     ),
     "mini_cone": (
         {"scene": "mini_cone", "density": "1900", "model": "axisymmetric", "until": "1000"},

@@ -100,15 +100,17 @@ class Emulator:
         self.low, self.high = self.points.min(0), self.points.max(0)
         self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, GRID, strict=False)]
         third = self.points[:, 2] if len(constants) == 3 else np.zeros(len(nodes))
-        self.third_values, self.planes, self.scatter, self.mean_squares = np.unique(third), [], {}, {}
+        self.third_values, self.planes, self.scatter, self.checks = np.unique(third), [], {}, {}
         for value in self.third_values:
             plane = [row for row, at in zip(nodes, third, strict=True) if at == value]
             self.planes.append(self.splines(plane))
         found = self.at(*self.log_ratios(checks).T)
         for name in self.planes[0]:
             errors = (np.log(found[name]) if is_time(name) else found[name]) - self.values(name, checks)
-            self.mean_squares[name] = square = np.mean([np.mean(plane[name][2] ** 2) for plane in self.planes])
-            self.scatter[name] = float(np.sqrt(square + (np.nanmean(errors**2) if len(errors) else 0.0)))
+            known = np.isfinite(errors)
+            self.checks[name] = mean_squares(self.log_ratios(checks)[known, 0], errors[known])
+            square = np.mean([np.mean(plane[name][2] ** 2) for plane in self.planes])
+            self.scatter[name] = float(np.sqrt(square + (np.mean(errors[known] ** 2) if known.any() else 0.0)))
 
     def spacing_at(self, *point) -> float:
         """Return the spacing [m] of the case that is nearest to a mix, the constants given as for ``at``."""
@@ -175,15 +177,22 @@ class Emulator:
                 yield plane, weight
 
     def scatter_at(self, *point) -> dict[str, float]:
-        """Return the scatter for one mix: ``scatter`` times the root of the ratio of the mean square error at its yield
-        stress, linear between the cases, to the one over the table."""
-        squares = dict.fromkeys(self.scatter, 0.0)
+        """Return the scatter for one mix: the root of the mean squares at its yield stress, linear between those of the
+        nodes' leave-one-out errors and, added, of the other cases' errors."""
+        squares = {name: np.interp(point[0], *checks) for name, checks in self.checks.items()}
         for plane, weight in self.planes_at(*point[2:]):
             for name, (_, first, errors) in plane.items():
-                yields, group = np.unique(first, return_inverse=True)
-                mean_squares = np.bincount(group, errors**2) / np.bincount(group)
-                squares[name] += float(weight * np.interp(point[0], yields, mean_squares))
-        return {name: self.scatter[name] * (each / self.mean_squares[name]) ** 0.5 for name, each in squares.items()}
+                squares[name] += weight * np.interp(point[0], *mean_squares(first, errors))
+        return {name: float(square) ** 0.5 for name, square in squares.items()}
+
+
+def mean_squares(at, errors) -> tuple[np.ndarray, np.ndarray]:
+    """Return the different values of ``at``, ascending, and the mean square of the errors at each; without errors a
+    zero."""
+    if not len(errors):
+        return np.zeros(1), np.zeros(1)
+    values, group = np.unique(at, return_inverse=True)
+    return values, np.bincount(group, errors**2) / np.bincount(group)
 
 
 def require_covered(constants, ends, point, density) -> None:

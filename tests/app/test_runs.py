@@ -106,12 +106,12 @@ def test_a_run_gets_another_name(runs, tmp_path):
         ({"spread": 0.55, "t500": 4.0}, "Yield stress about ", ")."),
         (
             {"slump": 0.18, "spread": 0.55},
-            "No mix of the table (4 to 1500 Pa) does all of this: the slump alone says ",
+            "No mix of the table (2 to 1500 Pa) does all of this: the slump alone says ",
             " Pa.",
         ),
         (
             {"spread": 0.95, "t500": 3.0},  # softer than the table
-            "No mix of the table (4 to 1500 Pa) does all of this: the slump flow alone says at most ",
+            "No mix of the table (2 to 1500 Pa) does all of this: the slump flow alone says at most ",
             " Pa.",
         ),
         ({"slump": 0.18, "plastic_viscosity": 50.0}, "Yield stress about ", "plastic viscosity 50 Pa s, as given."),

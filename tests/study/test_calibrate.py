@@ -125,10 +125,10 @@ def test_the_scatter_is_that_of_the_cases_of_a_like_yield_stress():
 
 def test_soft_mixes_scatter_more_in_the_table_of_the_package():
     """The error of a fit is that at its mix: in the table the slump flow at 30 Pa scatters between 615 and 547 mm along
-    the viscosity, and that at 300 Pa is within 2 mm of a smooth curve."""
+    the viscosity, and that at 300 Pa is within 3 mm of a smooth curve and of finer rings."""
     soft, stiff = (calibrate(spread=flow, plastic_viscosity=50.0, check=False) for flow in (0.585, 0.35))
     of_table = [math.sqrt(mix.errors["spread_m"] ** 2 - 0.01**2) for mix in (soft, stiff)]
-    assert of_table[0] > 2.0 * of_table[1] and of_table[1] < 0.002
+    assert of_table[0] > 2.0 * of_table[1] and of_table[1] < 0.003
     assert f"{100.0 * of_table[0]:.2f}; determines" in str(soft)
 
 
@@ -170,24 +170,24 @@ def test_a_mix_beyond_the_table_is_said_to_be_so(table):
     assert not known.at_the_edge and "edge" not in str(known)
 
 
-@pytest.mark.parametrize("flow", [0.60, 0.65, 0.70, 0.75, 0.80])  # classes SF1 to SF3 of EN 206
+@pytest.mark.parametrize("flow", [0.55, 0.60, 0.65, 0.70, 0.75, 0.80])  # classes SF1 to SF3 of EN 206
 def test_self_compacting_classes_have_a_mix_within_the_table(flow):
     """A T500 on both sides of 2 s, the classes VS1 and VS2, gives constants with intervals, open only at the widest
-    flows; the later, the more viscous."""
+    flows of viscous mixes; the later, the more viscous."""
     fast, slow = (calibrate(spread=flow, t500=time, check=False) for time in (1.2, 4.0))
     for mix in (fast, slow):
         assert mix.fits and mix.yield_value.upper and mix.plastic_viscosity.lower
-        assert flow > 0.71 or (mix.yield_value.determined and mix.plastic_viscosity.determined)
+        assert (mix is slow and flow > 0.71) or (mix.yield_value.determined and mix.plastic_viscosity.determined)
     assert slow.plastic_viscosity.value > 2.0 * fast.plastic_viscosity.value
 
 
 def test_a_soft_cone_is_as_near_the_thin_layer_and_the_finite_elements_as_is_told():
     """The slump flow is below that of a thin layer at rest by what docs/limits.md says, within 1 % of it; T500 of 20 Pa
     is that of finite elements without inertia within a tenth."""
-    table, yields, volume = emulator_of(), np.array([4.0, 7.0, 20.0]), mps.Cone(0.1, 0.05, 0.3).volume
-    flows = table.at(np.log(yields / DENSITY), np.log(np.full(3, 30.0) / DENSITY))["spread_m"]
+    table, yields, volume = emulator_of(), np.array([2.0, 4.0, 7.0, 20.0]), mps.Cone(0.1, 0.05, 0.3).volume
+    flows = table.at(np.log(yields / DENSITY), np.log(np.full(4, 30.0) / DENSITY))["spread_m"]
     over = flows / [mps.rest_shapes.spread_at_rest(volume, DENSITY, float(tau)) for tau in yields]
-    assert over == pytest.approx(1.0 - 1.0 / np.array([8.0, 11.0, 14.0]), rel=0.01)
+    assert over == pytest.approx(1.0 - 1.0 / np.array([5.0, 8.0, 11.0, 14.0]), rel=0.01)
     for eta, exact in ((50.0, 2.119), (100.0, 4.238)):  # A_fe_slump_T500.csv
         assert float(table.at(*np.log(np.array([20.0, eta]) / DENSITY))["t500_s"]) == pytest.approx(exact, rel=0.1)
 
@@ -237,13 +237,15 @@ def test_rows_of_a_table_without_numbers_do_not_count():
             Emulator(wrong)
 
 
-def test_finer_cases_of_a_table_are_its_error_and_no_nodes():
-    rows, off = [row | {"scene": "mini_cone", "spacing": 0.002} for row in table_of(5, 4)], 0.003
+def test_finer_cases_of_a_table_are_its_error_where_they_lie_and_no_nodes():
+    rows, misses = [row | {"scene": "mini_cone", "spacing": 0.002} for row in table_of(5, 4)], {7: 0.003, 15: 0.0}
     plain = Emulator(rows)
-    finer = rows[7] | {"spacing": 0.001, "spread_m": float(plain.at(*plain.points[7])["mini_cone_m"]) + off}
-    finer = Emulator([*rows, finer])
-    assert finer.scatter["mini_cone_m"] == pytest.approx(math.hypot(plain.scatter["mini_cone_m"], off), rel=1e-6)
-    assert len(finer.points) == len(rows)
+    flows = plain.at(*plain.points.T)["mini_cone_m"].tolist()
+    finer = Emulator([*rows, *(rows[k] | {"spacing": 0.001, "spread_m": flows[k] + off} for k, off in misses.items())])
+    assert finer.scatter["mini_cone_m"] == pytest.approx(math.hypot(plain.scatter["mini_cone_m"], 0.003 / 2**0.5))
+    for k, off in misses.items():
+        without, with_checks = (it.scatter_at(*plain.points[k])["mini_cone_m"] for it in (plain, finer))
+        assert with_checks == pytest.approx(math.hypot(without, off), rel=1e-6) and len(finer.points) == len(rows)
 
 
 # ---- the tables of the package ---------------------------------------------------------------------------------
@@ -433,7 +435,7 @@ def test_the_command_told_computes_the_measured_slump(capsys):
         # the tapered part through the outlet at sqrt(2 g H)
         ({"v_funnel": 0.1, "mini_cone": 0.095}, r"v_funnel = 0.1 s: must be more than 0\.585 s"),
         ({"v_funnel": 5.0, "yield_value": 5000.0}, "yield_value = 5000 Pa: must be 10 to 120 Pa, what the table"),
-        ({"slump": 0.18, "plastic_viscosity": 5000.0}, "plastic_viscosity = 5000 Pa s: must be 10 to 1000 Pa s"),
+        ({"slump": 0.18, "plastic_viscosity": 5000.0}, "plastic_viscosity = 5000 Pa s: must be 5 to 1000 Pa s"),
         (
             {"slump": 0.2, "study": str(TABLES / "v_funnel.csv")},
             "is one of v_funnel, which was not measured; must be of",

@@ -80,7 +80,7 @@ def test_ends_of_what_is_looked_at(tmp_path):
     assert (soft.fills_up_to, soft.empty_from) == (50.0, None) and "nothing stiffer was looked at" in str(soft)
     (stiff,), _ = study(tmp_path / "stiff", Wanted(plastic_viscosity="20", softest=500.0))
     assert (stiff.fills_up_to, stiff.empty_from) == (None, 500.0) and "no mix does; 500 Pa leave" in str(stiff)
-    assert Border(20.0, 3.0, None).slumps_m == [None, None], "softer than the table of the slump test"
+    assert Border(20.0, 1.0, None).slumps_m == [None, None], "softer than the table of the slump test"
     assert str(Border(20.0, None, 10.0, float("nan"))).endswith("no mix does; the run of 10 Pa failed")
 
 
