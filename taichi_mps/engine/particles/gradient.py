@@ -60,10 +60,10 @@ class Gradient:
     @ti.func
     def cross_section_ratio(self, i):
         """Cross-section of particle i over that of the lattice [-]: 1 but for rings."""
-        ratio = ti.cast(1.0, float)
         if ti.static(self.axisymmetric):
-            ratio = self.ratio[i]
-        return ratio
+            return self.ratio[i]
+        else:
+            return ti.cast(1.0, float)
 
     @ti.func
     def lattice(self, i):
@@ -79,10 +79,10 @@ class Gradient:
     @ti.func
     def ring_radius_ratio(self, i):
         """Radius of ring i over l0 [-]; 1 where particles are no rings."""
-        radius_ratio = ti.cast(1.0, float)
         if ti.static(self.axisymmetric):
-            radius_ratio = ti.cast(self.particles.x[i][0], float) / self.spacing
-        return radius_ratio
+            return ti.cast(self.particles.x[i][0], float) / self.spacing
+        else:
+            return ti.cast(1.0, float)
 
     @ti.func
     def full_weight(self, i):
