@@ -141,9 +141,3 @@ def test_surface_normal_is_one_at_a_flat_surface_and_points_into_the_lattice():
     whole = w[0] + w[1] * 4 / 2.0**0.5 + w[2] * 4 / 3.0**0.5 + w[3]  # 1, 4, 4 and 1 neighbours, times cosines
     assert first.sum() > 0 and np.abs(surface_normal[first] - down).max() < ROUNDING
     assert np.abs(surface_normal[second] - w[3] / whole * down).max() < ROUNDING
-
-
-def test_particle_number_density_counts_every_neighbour(cube):
-    r = np.linalg.norm(cube.x[None] - cube.x[:, None], axis=-1)
-    np.fill_diagonal(r, np.inf)
-    assert np.allclose(cube.gradient.n.to_numpy(), np.maximum(2.1 * L0 / r - 1.0, 0.0).sum(1), rtol=1e-12)
