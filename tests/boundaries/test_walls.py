@@ -214,14 +214,6 @@ def test_curved_ghosts_complete_rings(wall):
     assert abs(n.mean() - 1.0) < 0.006
 
 
-def test_rings_fill_the_volume_and_keep_their_distance():
-    for inner, outer in ((0.0, 1.0), (1.0, 2.0)):
-        x = mps.rings(inner, outer, L0)
-        assert len(x) * L0**2 == pytest.approx(np.pi * (outer**2 - inner**2), rel=0.01)
-        r = np.linalg.norm(x, axis=1)
-        assert r.min() == pytest.approx(inner + 0.5 * L0) and r.max() == pytest.approx(outer - 0.5 * L0)
-
-
 def plane(**keywords):
     return mps.Plane((0.0, 0.0), **{"normal": (1.0, 0.0)} | keywords)
 
