@@ -90,7 +90,8 @@ class PairSums:
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             P[a, c] = self.flux[i][c, a]
         force = ti.Vector.zero(float, self.dimension)
-        force += self.walls.force_term(i, self.particles.x[i], P)
+        if ti.static(len(self.walls.surfaces) > 0):
+            force += self.walls.force_term(i, self.particles.x[i], P)
         if ti.static(self.particles.axisymmetric):
             force[0] -= self.gradient.hoop[i]
         for c, a in ti.static(ti.ndrange(self.dimension, self.dimension)):
