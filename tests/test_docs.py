@@ -6,8 +6,9 @@ import re
 import shlex
 import shutil
 from importlib import import_module
-from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from importlib.util import find_spec
 
+import equation_index
 import numpy as np
 import pytest
 import tomlkit
@@ -55,17 +56,6 @@ PYTHON = re.compile(r"`((?:\w+/)+\w+\.py)`")
 IMPORT = re.compile(r"^(?:from (taichi_mps[\w.]*) import|import (taichi_mps[\w.]*))(?: (.+))?$", re.M)
 LINKED = re.compile(r"\]\(api/(\w+)\.md#([\w.]+)\)")  # in the index of equations: page, name
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
-
-
-def load(path):
-    """A script of docs/ as a module."""
-    spec = spec_from_file_location(path.stem, path)
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-equation_index = load(DOCS / "equation_index.py")
 
 
 def modules():

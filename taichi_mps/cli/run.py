@@ -11,6 +11,7 @@ import time
 import warnings
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib.util import find_spec
 from itertools import chain
 from zlib import crc32
 
@@ -197,11 +198,10 @@ def interruptible(sim):
 def redraw(replays, folder, suffix, options, film=False) -> dict:
     """Draw the outputs of runs again, side by side: pictures, GIF and, on request, MP4. Returns the paths of the
     files."""
-    from ..viz.film import SideBySide, align_in_time, check, mp4
+    from ..viz.film import SideBySide, align_in_time, mp4
     from ..viz.render import gif
 
-    if film:
-        check()
+    require(not film or find_spec("imageio_ffmpeg"), "film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'")
     frames, animation = folder / f"frames{suffix}", folder / f"animation{suffix}.gif"
     outputs = align_in_time(*replays)
     first = next(outputs)
@@ -246,7 +246,7 @@ def progress(sim, recorder, quiet, verbose, clock):
                     f"  dt {1e3 * r.dt:.2f} ms ({r.dt_limit}), iterations {r.outer_iterations}/{r.solver_iterations}"
                 )
             bar.update(task, completed=now["fraction"], description=text, left=f", {duration_text(now['left_s'])} left")
-            recorder.folder.tell(now | {"measures": recorder.measures})
+            write_whole(recorder.folder.clock, json.dumps(now | {"measures": recorder.measures}))
 
         sim.each_step(show)
         try:

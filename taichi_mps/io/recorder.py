@@ -21,7 +21,7 @@ class Recorder:
     ``settings``: options of the run that ``resume`` needs; ``notify()`` is called after each output.
     """
 
-    def __init__(self, folder: RunFolder, sim, every: float, source: str, settings: dict, notify=None):
+    def __init__(self, folder: RunFolder, sim, every: float, source: str, settings: dict, notify=lambda: None):
         self.folder, self.sim, self.source, self.settings, self.every = folder, sim, source, settings, every
         self.notify = notify
         self.trajectory = Trajectory(folder.trajectory)
@@ -74,8 +74,7 @@ class Recorder:
         number = self.trajectory.append(frame.snapshot())
         if number is not None:
             self.last_checkpoint = self._checkpoint()
-            if self.notify:
-                self.notify()
+            self.notify()
 
     def finish(self, stopped_by: str, error: str | None = None) -> dict:
         """Write the checkpoint (after a divergence the last good one) and the summary, and return the summary."""

@@ -175,16 +175,6 @@ class RunFolder:
         """Mark the folder as that of a run."""
         write_whole(self.path / MARKER_FILE, json.dumps({"made_by": "taichi_mps", "version": __version__}) + "\n")
 
-    def tell(self, progress: dict) -> None:
-        """Write the progress of the run for other processes.
-
-        Parameters
-        ----------
-        progress : dict
-            Seconds passed and left, fraction done, time and expected end of the flow, and measures by name.
-        """
-        write_whole(self.clock, json.dumps(progress))
-
     @validated
     def write_summary(self, summary: dict) -> None:
         """Write summary.json whole or not at all; numbers that are not finite become null.

@@ -19,7 +19,7 @@ MAX_KEPT = 4  # Simulations that a process keeps: of some curves, coarse and fin
 _kept: dict = {}  # of this process, by shape, last used last: Simulation, its scheme and its state when it was made
 
 
-def begin(scene: Scene, compiles=None, most: int = MAX_KEPT) -> Simulation:
+def begin(scene: Scene, compiles=lambda: None, most: int = MAX_KEPT) -> Simulation:
     """Make a Simulation of the scene, with compiled kernels of this process if they fit; one returned before becomes
     invalid. Starts Taichi with one thread if it is not started, and again if its fields are used up. ``compiles`` is
     called before kernels are compiled, and ``most`` Simulations are kept."""
@@ -33,8 +33,7 @@ def begin(scene: Scene, compiles=None, most: int = MAX_KEPT) -> Simulation:
     sim, scheme, beginning = _kept.pop(shape, (None, None, None))
     # a Simulation makes a new scheme for a longer neighbour list
     if not sim or sim.session is not session() or sim.scheme is not scheme:
-        if compiles:
-            compiles()
+        compiles()
         for oldest in list(_kept)[: max(0, len(_kept) - most + 1)]:
             del _kept[oldest]
         sim = Simulation(problem)

@@ -1,12 +1,10 @@
 """Films of finished runs, and several runs side by side."""
 
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from ..units import require
 from .overlay import with_film_speed
 from .render import Renderer, save
 
@@ -40,15 +38,9 @@ class SideBySide:
         return path
 
 
-def check() -> None:
-    """Raise a SceneError if imageio-ffmpeg, which films need, is not installed."""
-    require(find_spec("imageio_ffmpeg"), "film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'")
-
-
 def mp4(pictures, out, fps: float = 10.0, every: float | None = None) -> Path:
     """Write a film (H.264) of a list of picture files by imageio-ffmpeg (extra ``film``); with ``every`` [s], the time
     between two pictures, its speed is written into it."""
-    check()
     import imageio.v2 as iio
 
     with iio.get_writer(out, fps=fps, codec="libx264", quality=8, macro_block_size=16) as film:

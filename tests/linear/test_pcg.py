@@ -27,13 +27,6 @@ def test_the_product_of_a_sparse_matrix_is_that_of_scipy():
 
 
 # ---- known solutions --------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("components", [1, 2, 3])
-def test_dense_blocks_match_numpy(components):
-    a = spd(20 * components)
-    b = np.random.default_rng(1).standard_normal(len(a))
-    x, report = solve(BlockOperator(a, components), b, components, tolerance=1e-13)
-    assert report.converged
-    np.testing.assert_allclose(x, np.linalg.solve(a, b), rtol=0, atol=1e-11 * np.abs(x).max())
 
 
 @pytest.mark.parametrize("points", [(200,), (24, 20), (12, 10, 11)])

@@ -102,10 +102,3 @@ def test_packing_of_other_lattices_of_the_same_density(basis):
     for kernel, within in ((PACKING, 4e-3), (PACKING_IN_PLANE, 6e-4))[: 4 - d]:  # rings have the first, too
         expected = lattice_sums(d, 1.0, RE, smooth_weight, kernel).packing
         assert kernel(q[q < 1.0]).sum() == pytest.approx(expected, rel=within)
-
-
-def test_ghost_sums_scale_with_the_spacing_and_vanish_far_from_the_wall():
-    unit, scaled = ghost_table(3, 1.0, RE), ghost_table(3, 0.01, 0.01 * RE)
-    power = np.array([{"gradient": -1}.get(name, 0) for name in GHOST_SUMS])
-    assert np.allclose(scaled, unit * 0.01**power, rtol=1e-9, atol=1e-9)
-    assert np.all(unit[-30:] == 0.0)  # beyond re - l0/2 no ghost is near

@@ -104,22 +104,6 @@ def test_a_rational_critical_strain_rate_is_that_for_the_time_of_the_scene(name)
     assert scene.parameters["critical_strain_rate"] == "rational"
 
 
-def test_a_scene_of_ones_own_has_plain_keywords(tmp_path):
-    path = tmp_path / "own.py"
-    path.write_text(
-        "import taichi_mps as mps\n"
-        "from taichi_mps.units import Density, Length, YieldValue\n"
-        "@mps.checked\n"
-        "def scene(yield_value: YieldValue = 300.0, density: Density = 2300.0, spacing: Length = 0.1):\n"
-        "    fluid = mps.fill(mps.Box((0.0, 0.0), (0.5, 0.5)), spacing)\n"
-        "    mix = mps.Bingham(yield_value=yield_value, density=density)\n"
-        "    return mps.Scene('own', mix, spacing, fluid, ((-1.0, -1.0), (1.0, 1.0)))\n"
-    )
-    scene = mps.catalogue.build(str(path), yield_value="250")
-    assert scene.material == mps.Bingham(yield_value=250.0)
-    assert scene.parameters == {"yield_value": 250.0, "density": 2300.0, "spacing": 0.1}
-
-
 @pytest.mark.parametrize(
     ("scene", "given", "message"),
     [

@@ -48,13 +48,6 @@ def test_compiled_kernels_lie_where_they_are_looked_for(tmp_path):
     assert at(os.environ["HOME"], tmp_path, "-c", told, caches=str(tmp_path / "others"))[0] == 1
 
 
-@pytest.mark.slow
-def test_a_run_from_the_command_line_keeps_its_kernels_for_the_next(tmp_path):
-    words = "-m", "taichi_mps", "run", "film", *SHORT, "--threads=1", "--no-pictures", "--out=run"
-    assert at(os.environ["HOME"], tmp_path, *words, caches=str(tmp_path / "caches"))[0] == 0
-    assert any((tmp_path / "caches").glob("*/*/*"))
-
-
 def test_on_windows_kernels_lie_in_the_folder_of_the_user(monkeypatch, tmp_path):
     """Not in C:/taichi_cache, which all users share."""
     monkeypatch.setattr("sys.platform", "win32")

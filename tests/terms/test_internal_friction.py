@@ -41,11 +41,6 @@ def test_slope_stands_below_the_angle_of_friction(film):
     assert film(0.0, 12.0, until=0.5).snapshot().speed.max() < 1e-5
 
 
-def test_slope_flows_above_the_angle_of_friction(film):
-    measures = film(0.0, 8.0).measures()
-    assert measures["surface_speed_m_s"] == pytest.approx(measures["exact_surface_speed_m_s"], rel=0.1)
-
-
 def test_the_coefficient_is_the_tangent_of_the_angle():
     assert mps.Bingham(yield_value=0.0, friction_angle=30.0).friction_coefficient == pytest.approx(3.0**-0.5)
 

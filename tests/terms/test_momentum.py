@@ -48,30 +48,12 @@ def test_matrix_is_symmetric_positive_definite(system):
     assert np.allclose(inverse, inverse.transpose(0, 2, 1), rtol=1e-12)
 
 
-def test_product_is_that_of_the_dense_matrix(system):
-    rng = np.random.default_rng(9)
-    A, _ = system.dense()
-    x, y = (np.where(system.unknown[:, None], rng.standard_normal(system.x.shape), 0.0) for _ in range(2))
-    Ax, Ay = system.multiply(x), system.multiply(y)
-    assert np.allclose(Ax[system.unknown].ravel(), A @ x[system.unknown].ravel(), rtol=1e-10, atol=1e-9)
-    assert (y * Ax).sum() == pytest.approx((x * Ay).sum(), rel=1e-12)
-    assert not np.any(Ax[~system.unknown])
-
-
 @on("plain", "with walls", "no slip")
 def test_block_jacobi_is_the_inverse_of_the_diagonal_blocks(system):
     _, blocks = system.dense()
     inverse = system.inverse_diagonal()
     assert np.allclose(inverse[system.unknown] @ blocks, np.eye(system.dimension), atol=1e-9)
     assert not np.any(inverse[~system.unknown])  # a zero block marks a row that is not an unknown
-
-
-@on("plain")
-def test_rigid_motion_meets_no_resistance(system):
-    assert system.healthy.all()
-    spin = np.stack([-system.x[:, 1], system.x[:, 0]], 1)
-    for u in (np.tile([0.3, -2.0], (len(system.x), 1)), spin, 5.0 * spin + [1.0, 2.0]):
-        assert np.abs(system.multiply(u) - MASS_RATE * u).max() < 1e-9 * BULK * L0
 
 
 @on("with walls")

@@ -55,18 +55,18 @@ class SampledSurface(Surface):
     @ti.func
     def offset(self, x):
         """Vector from the first node to x [m], rotated back to the solid at 0 s."""
-        offset = self.arm(x)
         if ti.static(self.rotates):
-            offset = self.rotation().transpose() @ offset + self.centre - self.point
-        return offset
+            return self.rotation().transpose() @ self.arm(x) + self.centre - self.point
+        else:
+            return self.arm(x)
 
     @ti.func
     def rotated(self, n):
         """Rotate a direction of the solid from 0 s to the time of ``clock``."""
-        rotated = n
         if ti.static(self.rotates):
-            rotated = ti.cast(self.rotation() @ ti.cast(n, ti.f64), float)
-        return rotated
+            return ti.cast(self.rotation() @ ti.cast(n, ti.f64), float)
+        else:
+            return n
 
     @ti.func
     def velocity_at(self, foot):

@@ -56,10 +56,10 @@ class Surface:
     @ti.func
     def offset(self, x):
         """Vector from the point of the wall to x [m]."""
-        offset = x - self.point
         if ti.static(self.travels):
-            offset -= self.displacement()
-        return offset
+            return x - self.point - self.displacement()
+        else:
+            return x - self.point
 
     @ti.func
     def displacement(self):

@@ -60,10 +60,10 @@ class Gradient:
     @ti.func
     def cross_section_ratio(self, i):
         """Cross-section of particle i over that of the lattice [-]: 1 but for rings."""
-        ratio = ti.cast(1.0, float)
         if ti.static(self.axisymmetric):
-            ratio = self.ratio[i]
-        return ratio
+            return self.ratio[i]
+        else:
+            return ti.cast(1.0, float)
 
     @ti.func
     def lattice(self, i):
@@ -79,10 +79,10 @@ class Gradient:
     @ti.func
     def ring_radius_ratio(self, i):
         """Radius of ring i over l0 [-]; 1 where particles are no rings."""
-        radius_ratio = ti.cast(1.0, float)
         if ti.static(self.axisymmetric):
-            radius_ratio = ti.cast(self.particles.x[i][0], float) / self.spacing
-        return radius_ratio
+            return ti.cast(self.particles.x[i][0], float) / self.spacing
+        else:
+            return ti.cast(1.0, float)
 
     @ti.func
     def full_weight(self, i):
@@ -160,13 +160,12 @@ class Gradient:
                 neighbour_count += ratio
                 if self.particles.kind[j] == FLUID:
                     fluid_neighbours += 1
-            if ti.static(len(self.walls.surfaces) > 0):
-                counts, moment, behind = self.walls.moments(i, x, self.cross_section_ratio(i))
-                surface_normal += behind
-                neighbour_count += counts[0]
-                n += counts[1]
-                packing += counts[2]
-                M += moment
+            counts, moment, behind = self.walls.moments(i, x, self.cross_section_ratio(i))
+            surface_normal += behind
+            neighbour_count += counts[0]
+            n += counts[1]
+            packing += counts[2]
+            M += moment
             lattice = self.lattice(i)
             self.n[i] = n
             self.packing[i] = packing / lattice[1]
@@ -210,8 +209,7 @@ class Gradient:
         ui = u[i]
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             H += (u[self.neighbors.column[k]] - ui).outer_product(self.b[k])
-        if ti.static(len(self.walls.surfaces) > 0):
-            H += self.walls.gradient_term(i, self.particles.x[i], ui, wall_motion, self.cross_section_ratio(i))
+        H += self.walls.gradient_term(i, self.particles.x[i], ui, wall_motion, self.cross_section_ratio(i))
         return H
 
     @ti.func
@@ -241,10 +239,9 @@ class Gradient:
     def curvature_correction(self, i):
         """Correction of the velocity gradient [1/s] where the velocity is curved along the walls of a full vessel."""
         G = ti.Matrix.zero(float, self.tensors, self.tensors)
-        if ti.static(self.walls.carry_curvature):  # noqa: SIM102  (a compiled choice stays apart)
-            if self.walls.curvature_known[None] == 1:
-                term, _drag = self.walls.curvature_term(i, self.particles.x[i])
-                G += term @ self.B[i]
+        if ti.static(self.walls.carry_curvature):
+            term, _drag = self.walls.curvature_term(i, self.particles.x[i])
+            G += term @ self.B[i]
         return G
 
     @ti.func
@@ -254,8 +251,7 @@ class Gradient:
         square = ti.cast(0.0, float)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             square += self.weight_r2[k] * (u[self.neighbors.column[k]] - u[i]).norm_sqr()
-        if ti.static(len(self.walls.surfaces) > 0):
-            square += self.walls.drag_term(i, self.particles.x[i], u[i], wall_motion)[1]
+        square += self.walls.drag_term(i, self.particles.x[i], u[i], wall_motion)[1]
         G = H @ self.B[i]
         return self.tensor(i, G, u), ti.max(0.0, square - (G * H).sum()) / self.full_weight(i)
 

@@ -74,10 +74,7 @@ class PairSums:
         H = ti.Matrix.zero(float, self.dimension, self.dimension)
         for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
             H[a, c] = self.difference_sums[i][c, a]
-        if ti.static(len(self.walls.surfaces) > 0):
-            H += self.walls.gradient_term(
-                i, self.particles.x[i], u[i], wall_motion, self.gradient.cross_section_ratio(i)
-            )
+        H += self.walls.gradient_term(i, self.particles.x[i], u[i], wall_motion, self.gradient.cross_section_ratio(i))
         return self.gradient.tensor(i, H @ self.gradient.B[i], u)
 
     @ti.func

@@ -122,10 +122,10 @@ class Particles:
     @ti.func
     def volume(self, i):
         """Volume of particle i [m3]; per metre of depth in a plane scene [m2]."""
-        volume = ti.cast(self.usual_volume, float)
         if ti.static(self.axisymmetric):
-            volume = self.ring[i]
-        return volume
+            return self.ring[i]
+        else:
+            return ti.cast(self.usual_volume, float)
 
     @stage("reorder")
     def reorder(self):

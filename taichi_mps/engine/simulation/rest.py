@@ -1,18 +1,18 @@
 """Rest criterion (I15): a body is at rest when its remaining displacement, by the observed decay, is negligible."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...units import INSTANT
+from ...units import INSTANT, array, validated
 
 NEGLIGIBLE_PATH = 1.0 / 600.0  # remaining path of a body at rest over its height: 0.5 mm of a slump cone
 FOLD = math.e  # by this factor the speed must fall for a decay to be known, or rise for another motion
 PAUSE = 1.15  # times sqrt(H/g), 0.2 s of a slump cone: for so long hardly a way must have been left
 
 
+@validated
 @dataclass
 class Rest:
     """Decay of a motion in folds, reductions of the speed by a factor: speed and time of the last fold, and duration of
@@ -22,14 +22,9 @@ class Rest:
     speed: float = 0.0  # of the moving particles, at the last fold [m/s]
     at: float = 0.0  # time of that fold [s]
     fold: float = 0.0  # time that the fold took [s]; 0 as long as nothing has fallen
-    before: Sequence[float] = ()  # speed, at and fold of the motion that a faster one interrupts, and since when [s]
-
-    def __post_init__(self):
-        """Raise a TypeError for values from a checkpoint that are no numbers."""
-        for key, value in vars(self).items():
-            numbers = value if key == "before" and isinstance(value, list | tuple) else [value]
-            if not all(isinstance(n, int | float) for n in numbers) and (key, value) != ("since", None):
-                raise TypeError(f"rest: {key} = {value!r} is not a number")
+    before: array(
+        "", (0,), (4,), kind=tuple
+    ) = ()  # speed, at and fold of the motion that a faster one interrupts, and since when [s]
 
     def observe(self, speed: float, now: float) -> None:
         """Record the speed of the moving particles [m/s] after a step, at a time [s].

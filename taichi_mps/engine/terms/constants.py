@@ -162,10 +162,10 @@ class Constants:
     @ti.func
     def mix(self, i):
         """Number of the mix of particle i."""
-        mix = 0
         if ti.static(self.mixes > 1):
-            mix = self.particles.mix[i]
-        return mix
+            return self.particles.mix[i]
+        else:
+            return ti.cast(0, ti.i32)
 
     @ti.func
     def flows(self, i, rate):
@@ -185,10 +185,10 @@ class Constants:
     def density_held_by_walls(self):
         """Density whose weight the walls of a full closed box hold, whatever flows in it: that of the first mix; 0
         elsewhere [kg/m3]."""
-        held = ti.cast(0.0, float)
         if ti.static(self.walls_may_bear_weight):
-            held = self.density[0] * self.full[None]
-        return held
+            return self.density[0] * self.full[None]
+        else:
+            return ti.cast(0.0, float)
 
     @ti.func
     def head_density(self, i):

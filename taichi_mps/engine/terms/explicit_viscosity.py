@@ -72,13 +72,8 @@ class ExplicitViscosity(Term):
         return self.tau_y / ti.max(rate, 2.0 * self.pi_c)
 
     @ti.func
-    def varies(self, rate):
-        """Whether Lambda varies with the shear rate [1/s] there, so that its gradient acts (eqs 4, 8)."""
-        return rate >= 2.0 * self.pi_c
-
-    @ti.func
     def is_yielded(self, rate):
-        """Whether the material flows at a shear rate [1/s] (eqs 1-3)."""
+        """Whether the material flows at a shear rate [1/s] (eqs 1-3); then the gradient of Lambda acts (eqs 4, 8)."""
         return rate >= 2.0 * self.pi_c
 
     @ti.func
@@ -134,7 +129,7 @@ class ExplicitViscosity(Term):
                         stress_force = self.eta * self.lap_u[i]  # divergence of the viscous stress [N/m3]
                         if ti.static(not self.newtonian):
                             stress_force += self.Lambda[i] * self.lap_u[i]
-                            if self.varies(self.particles.shear_rate[i]):
+                            if self.is_yielded(self.particles.shear_rate[i]):
                                 stress_force += 2.0 * (self.strain_rate[i] @ self.gradient_of_Lambda(i))
                             sums[2] = ti.max(sums[2], ti.cast(self.eta + self.Lambda[i], ti.f64))
                         u = self.particles.u[i] + dt * (

@@ -113,10 +113,8 @@ class MomentumOperator(Term):
             total = self.sums.force(i)
             for a in ti.static(range(self.dimension)):
                 total[a] += self.sums.difference_sums[i][self.dimension, a]
-            if ti.static(len(self.walls.surfaces) > 0):
-                total -= self.resistance.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], wall_motion)[0]
-                if ti.static(self.walls.have_friction):
-                    total -= self.walls.friction_term(i, self.particles.x[i], u[i], wall_motion)
+            total -= self.resistance.h[i] * self.walls.drag_term(i, self.particles.x[i], u[i], wall_motion)[0]
+            total -= self.walls.friction_term(i, self.particles.x[i], u[i], wall_motion)
             row = self.particles.volume(i) * self.inertia[i] * u[i] - total
         return row
 
@@ -141,13 +139,12 @@ class MomentumOperator(Term):
                     own -= self.gradient.b[k]
                     drag += self.sums.pair_drag[k]
                     A += self._response(self.neighbors.column[k], self.gradient.b[k])
-                if ti.static(len(self.walls.surfaces) > 0):
-                    shear, bulk, _local = self.stiffness(i)
-                    B, x = self.gradient.B[i], self.particles.x[i]
-                    of_walls, wall_drag, block = self.walls.coefficients(i, x, B, shear, bulk)
-                    own += of_walls
-                    drag += self.resistance.h[i] * wall_drag
-                    self.local[i] += block
+                shear, bulk, _local = self.stiffness(i)
+                B, x = self.gradient.B[i], self.particles.x[i]
+                of_walls, wall_drag, block = self.walls.coefficients(i, x, B, shear, bulk)
+                own += of_walls
+                drag += self.resistance.h[i] * wall_drag
+                self.local[i] += block
                 A += self._response(i, own) + drag * ti.Matrix.identity(float, self.dimension)
                 if ti.static(self.gradient.axisymmetric):
                     stiffness = 4.0 / 3.0 * self.stress.mu[i] + self.constants.bulk[None]
@@ -257,11 +254,10 @@ class MomentumSource(Term):
                 volume, weight = self.particles.volume(i), self.constants.weight_of(i)
                 inertia_and_weight = volume * (self.operator.inertia[i] * self.particles.u[i] + weight)
                 b[i] += inertia_and_weight + self.sums.force(i)
-                if ti.static(len(self.walls.surfaces) > 0):
-                    heavy = self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
-                    heavy *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
-                    size = self.gradient.cross_section_ratio(i)
-                    b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], size)
+                heavy = self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
+                heavy *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
+                size = self.gradient.cross_section_ratio(i)
+                b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], size)
                 b[i] += volume * self.wall_stress.force(i)
             else:
                 b[i] = ti.Vector.zero(float, self.dimension)

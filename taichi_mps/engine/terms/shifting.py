@@ -91,8 +91,7 @@ class Shifting(Term):
                     repulsion += self.gradient.cross_section_ratio(j) * ti.max(0.0, 1.0 - r / (1.5 * l0)) * e
                     apart -= 0.05 * ti.max(0.0, 0.85 * l0 - r) * e
                 repulsion /= self.gradient.cross_section_ratio(i)
-                if ti.static(len(self.walls.surfaces) > 0):
-                    repulsion += self.walls.repulsion(i, x, self.gradient.cross_section_ratio(i))
+                repulsion += self.walls.repulsion(i, x, self.gradient.cross_section_ratio(i))
                 perturbation = self.perturbation(x)
                 deforming = ti.max(least, self.deformation_fraction(i, dt, strain))
                 fraction = deforming

@@ -91,18 +91,18 @@ class Stress(Term):
     @ti.func
     def mortar_fraction(self, i):
         """Fraction of what the gradient of particle i sees that strains: beside a grain that of the mortar [-] (G4)."""
-        fraction = ti.cast(1.0, float)
         if ti.static(self.particles.has_grains):
-            fraction = self.rigid.mortar_fraction[i]
-        return fraction
+            return self.rigid.mortar_fraction[i]
+        else:
+            return ti.cast(1.0, float)
 
     @ti.func
     def stress_ratio(self, i):
         """Stress of particle i over that of the mortar that its gradient sees, beside a grain [-] (G4)."""
-        ratio = ti.cast(1.0, float)
         if ti.static(self.particles.has_grains):
-            ratio = self.rigid.stress_ratio[i]
-        return ratio
+            return self.rigid.stress_ratio[i]
+        else:
+            return ti.cast(1.0, float)
 
     @ti.func
     def viscous(self, i, G):
@@ -119,18 +119,18 @@ class Stress(Term):
     def shear_stress_magnitude(self, i, mu):
         """Shear stress [Pa] of particle i: of a true yield stress by the stress it carries, else by a viscosity ``mu``
         [Pa s] and its shear rate."""
-        size = mu * self.particles.shear_rate[i]
         if ti.static(self.law == "yield-stress"):
-            size = magnitude(self.particles.stress[i])
-        return size
+            return magnitude(self.particles.stress[i])
+        else:
+            return mu * self.particles.shear_rate[i]
 
     @ti.func
     def structure(self, i):
         """Structure of a thixotropic particle, 0 of any other [-]."""
-        structure = ti.cast(0.0, float)
         if ti.static(self.has_growth):
-            structure = self.particles.structure[i]
-        return structure
+            return self.particles.structure[i]
+        else:
+            return ti.cast(0.0, float)
 
     @ti.func
     def yield_law(self, i, trial):
@@ -193,10 +193,10 @@ class Stress(Term):
     @ti.func
     def own_rate(self, i):
         """Shear rate [1/s] of the mix of particle i: next to another mix that of the gradient is of both."""
-        rate = self.particles.shear_rate[i] / self.mortar_fraction(i)
         if ti.static(self.mixes > 1 and self.law == "yield-stress"):
-            rate = self.fluidity[i] * magnitude(self.particles.stress[i])
-        return rate
+            return self.fluidity[i] * magnitude(self.particles.stress[i])
+        else:
+            return self.particles.shear_rate[i] / self.mortar_fraction(i)
 
     @ti.func
     def known_part(self, i):
