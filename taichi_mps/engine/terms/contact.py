@@ -208,9 +208,8 @@ class Contacts(Term):
 
     @ti.func
     def opening(self, c):
-        """gap/dt, by which a contact may close; of an overlap the part that is taken back [m/s]."""
-        gap = self.gap[c]
-        return ti.select(gap > 0.0, gap, BACK * gap) / self.step[None]
+        """gap/dt, by which a contact may close [m/s]."""
+        return ti.max(0.0, self.gap[c]) / self.step[None]
 
     # ---- in the system ---------------------------------------------------------------------------------------------
     @stage("contacts")
@@ -275,6 +274,17 @@ class Contacts(Term):
                 force -= f
                 torque -= self.arm(g, c).cross(f)
             self.rigid.distribute(g, force, torque, r)
+
+    @stage("contacts")
+    def separate(self):
+        """Move the grains apart by a part of their overlaps, without a force: in contacts that stick it would stay."""
+        for g in range(self.rigid.count):
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                share = ti.cast(1.0, ti.f64)
+                if self.partner[c] >= 0:
+                    other = self.rigid.mass[self.partner[c] // self.parts**2]
+                    share = other / (self.rigid.mass[g] + other)
+                self.rigid.centre[g] += BACK * share * ti.max(0.0, -self.gap[c]) * self.normal[c]
 
     @ti.func
     def coefficient(self, c):
