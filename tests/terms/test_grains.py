@@ -218,11 +218,11 @@ def test_what_preconditions_grains_in_mortar_is_the_mobility_of_each_and_positiv
     sim = pool(NEWTONIAN, 300.0, [(0.125, 0.025), (0.075, 0.025)], 5)
     sim.step()
     rigid, contacts, solver = sim.scheme.rigid, sim.scheme.contacts, sim.scheme.velocity.solver
-    contacts.presses.fill(0)
-    contacts.sticks.fill(0)
+    contacts.resistance.fill(0.0)
     free = matrix(sim, solver.A.multiply)
-    contacts.presses.fill(1)
-    contacts.sticks.from_numpy((contacts.partner.to_numpy() >= 0).astype(np.int32))
+    n, sticks = contacts.normal.to_numpy(), contacts.partner.to_numpy()[:, None, None] >= 0
+    parts = np.where(sticks, np.eye(3), n[:, :, None] * n[:, None])
+    contacts.resistance.from_numpy(contacts.stiffness.to_numpy()[:, None, None] * parts)
     solver.M.build()
     M, n = matrix(sim, solver.M.apply), rigid.particles.capacity
     blocks = np.linalg.inv(solver.A.inverse_diagonal.to_numpy())

@@ -24,7 +24,8 @@ MAX_WALL_CONTACTS = 3  # largest number of contacts of a sphere with one wall
 OF_CLUMP = 3  # room for contacts of a clump over that of a sphere
 SAME_CONTACT = 0.5  # cosine between normals from which on two points of a wall are one contact
 STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
-BACK = 0.2  # part of an overlap that is taken back in a step
+# overlap over l0 that stays, and part of a larger one that is taken back in a step
+MAX_OVERLAP, BACK = 0.01, 0.2
 NONE = int(-1e6)  # no partner
 
 
@@ -48,14 +49,17 @@ class Contacts(Term):
         self.number = ti.field(ti.i32, rigid.count)
         self.overflow = ti.field(ti.i32, ())  # times in the step that a contact found no room
         # partner: k s + own part of the sphere s of another grain, of k parts each; -1 - (k w + own part) of wall w;
-        # whether it presses, and sticks
-        self.partner, self.presses, self.sticks = (ti.field(ti.i32, n) for _ in range(3))
-        self.pressed, self.stuck = (ti.field(ti.i32, n) for _ in range(2))  # the same before the last update
+        # whether it sticks
+        self.partner, self.sticks = (ti.field(ti.i32, n) for _ in range(2))
+        # what it resists velocities with, and the same before the last update [N s/m]
+        self.resistance, self.last_resistance = (ti.Matrix.field(3, 3, ti.f64, n) for _ in range(2))
         self.normal, self.slip_force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # -, t [N], m/s
         self.gap, self.force, self.stiffness = (double_field(n) for _ in range(3))  # [m], lambda [N], r [N s/m]
-        kept = "partner", "normal", "force", "slip_force", "sticks"
+        self.slip = double_field(n)  # speed |v_t| of the last update, 0 where it sticks [m/s]
+        kept = "partner", "normal", "force", "slip_force", "slip", "sticks"
         # of the step before
-        self.old_partner, self.old_sticks, self.old_force = ti.field(ti.i32, n), ti.field(ti.i32, n), double_field(n)
+        self.old_partner, self.old_sticks = (ti.field(ti.i32, n) for _ in range(2))
+        self.old_force, self.old_slip = double_field(n), double_field(n)
         self.old_normal, self.old_slip_force = double_field(n, 3), double_field(n, 3)
         self.kept = [(getattr(self, name), getattr(self, f"old_{name}")) for name in kept]
         self.step = double_field()  # dt [s]
@@ -149,14 +153,13 @@ class Contacts(Term):
             h = ti.max(other, 0) // self.parts**2
             lighter = g if other < 0 or self.rigid.mass[g] <= self.rigid.mass[h] else h
             self.stiffness[c] = self.penalty(lighter)
-            self.force[c], self.slip_force[c], self.sticks[c] = 0.0, ti.Vector.zero(ti.f64, 3), 0
+            self.force[c], self.slip_force[c], self.slip[c], self.sticks[c] = 0.0, ti.Vector.zero(ti.f64, 3), 0.0, 0
             for b in range(g * self.most, (g + 1) * self.most):
                 if self.old_partner[b] == other and self.old_normal[b].dot(normal) > SAME_CONTACT:
                     t = self.old_slip_force[b]
                     self.force[c], self.slip_force[c] = self.old_force[b], t - normal * normal.dot(t)
-                    self.sticks[c] = self.old_sticks[b]
-            self.presses[c] = ti.cast(self.force[c] > 0.0 or gap < 0.0, ti.i32)
-            self.sticks[c] *= self.presses[c]
+                    self.slip[c], self.sticks[c] = self.old_slip[b], self.old_sticks[b]
+            self.set_resistance(c)
         else:
             self.overflow[None] += 1
 
@@ -199,12 +202,12 @@ class Contacts(Term):
         return v
 
     @ti.func
-    def resisted(self, c, v, presses, sticks):
-        """r times the part of a velocity v that contact c resists [N]: along the normal where it presses, all of it
-        where it sticks."""
-        n = self.normal[c]
-        along = n * n.dot(v)
-        return self.stiffness[c] * (presses * along + sticks * (v - along))
+    def set_resistance(self, c):
+        """Matrix of contact c: of all of a velocity where it sticks, of the part along its force where it slips."""
+        p = self.force[c] * self.normal[c] + self.slip_force[c]
+        p /= ti.max(p.norm(), 1e-30)
+        I, slips = ti.Matrix.identity(ti.f64, 3), 1 - self.sticks[c]  # noqa: E741
+        self.resistance[c] = self.stiffness[c] * (self.sticks[c] * I + slips * p.outer_product(p))
 
     @ti.func
     def opening(self, c):
@@ -220,7 +223,7 @@ class Contacts(Term):
             force, torque = self.rigid.sums(g, y)
             torque += self.rigid.beyond_points(g, self.step[None]) @ self.rigid.rate[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
-                f = self.resisted(c, self.relative_velocity(g, c), self.presses[c], self.sticks[c])
+                f = self.resistance[c] @ self.relative_velocity(g, c)
                 force += f
                 torque += self.arm(g, c).cross(f)
             self.rigid.distribute(g, force, torque, y)
@@ -234,10 +237,8 @@ class Contacts(Term):
             torque += self.rigid.beyond_points(g, self.step[None]) @ self.rigid.spin[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
                 n = self.normal[c]
-                known = self.wall_velocity[c] - self.opening(c) * n
-                f = self.resisted(c, known, self.presses[c], self.sticks[c])
-                if self.presses[c] == 1:
-                    f += self.force[c] * n + self.slip_force[c]
+                known = self.wall_velocity[c] - (self.opening(c) + self.coefficient(c) * self.slip[c]) * n
+                f = self.resistance[c] @ known + self.force[c] * n + self.slip_force[c]
                 force += f
                 torque += self.arm(g, c).cross(f)
             self.rigid.distribute(g, force, torque, b)
@@ -248,19 +249,23 @@ class Contacts(Term):
         self.rigid.find_motions(u)
         for g in range(self.rigid.count):
             for c in range(g * self.most, g * self.most + self.number[g]):
-                n, r = self.normal[c], self.stiffness[c]
-                self.pressed[c], self.stuck[c] = self.presses[c], self.sticks[c]
+                n, r, mu = self.normal[c], self.stiffness[c], self.coefficient(c)
                 v = self.relative_velocity(g, c) - self.wall_velocity[c]
-                along = n.dot(v)
-                self.force[c] = ti.max(0.0, self.force[c] - r * (along + self.opening(c)))
-                self.presses[c] = ti.cast(self.force[c] > 0.0, ti.i32)
-                trial = self.slip_force[c] - r * (v - along * n)
-                bound, size = self.coefficient(c) * self.force[c], trial.norm()
+                slip = self.slip[c] if self.force[c] > 0.0 else (v - n.dot(v) * n).norm()
+                trial = self.slip_force[c] - r * (v - n.dot(v) * n)
+                force, size = self.force[c] - r * (n.dot(v) + self.opening(c) + mu * slip), trial.norm()
+                slips = mu == 0.0 or size > mu * force
                 # a slip that turns round sticks first: its force would flip from solve to solve
-                turns = self.stuck[c] == 0 and trial.dot(self.slip_force[c]) < 0.0
-                self.sticks[c] = ti.cast((size <= bound or turns) and bound > 0.0, ti.i32)
-                back = self.slip_force[c] if turns else trial
-                self.slip_force[c] = back * ti.min(1.0, bound / ti.max(back.norm(), 1e-30))
+                turns = slips and self.sticks[c] == 0 and force > 0.0 and trial.dot(self.slip_force[c]) < 0.0
+                self.sticks[c] = ti.cast(turns or not slips, ti.i32)
+                if slips:  # to the nearest force of the cone
+                    force = ti.max(0.0, (force + mu * size) / (1.0 + mu * mu))
+                    trial *= 0.0 if turns else mu * force / ti.max(size, 1e-30)
+                slip += (1.0 + mu * mu) * (-v.dot(trial) / ti.max(trial.norm(), 1e-30) - slip)
+                self.slip[c] = 0.0 if self.sticks[c] == 1 else ti.max(0.0, slip)
+                self.force[c], self.slip_force[c] = force, trial
+                self.last_resistance[c] = self.resistance[c]
+                self.set_resistance(c)
 
     @stage("contacts")
     def change_residual(self, u: ti.template(), r: ti.template()):
@@ -269,8 +274,7 @@ class Contacts(Term):
         for g in range(self.rigid.count):
             force, torque = self.rigid.sums(g, r)
             for c in range(g * self.most, g * self.most + self.number[g]):
-                presses, sticks = self.presses[c] - self.pressed[c], self.sticks[c] - self.stuck[c]
-                f = self.resisted(c, self.relative_velocity(g, c), presses, sticks)
+                f = (self.resistance[c] - self.last_resistance[c]) @ self.relative_velocity(g, c)
                 force -= f
                 torque -= self.arm(g, c).cross(f)
             self.rigid.distribute(g, force, torque, r)
@@ -284,7 +288,9 @@ class Contacts(Term):
                 if self.partner[c] >= 0:
                     other = self.rigid.mass[self.partner[c] // self.parts**2]
                     share = other / (self.rigid.mass[g] + other)
-                self.rigid.centre[g] += BACK * share * ti.max(0.0, -self.gap[c]) * self.normal[c]
+                self.rigid.centre[g] += (
+                    BACK * share * ti.max(0.0, -self.gap[c] - MAX_OVERLAP * self.spacing) * self.normal[c]
+                )
 
     @ti.func
     def coefficient(self, c):
@@ -335,9 +341,7 @@ class Contacts(Term):
                     A[a, b] = D[a, b]
                 self.add_block(g, A, self.rigid.arm[m])
             for c in range(g * self.most, g * self.most + self.number[g]):
-                sticks, nn = self.sticks[c], self.normal[c].outer_product(self.normal[c])
-                A = self.stiffness[c] * ((self.presses[c] - sticks) * nn + sticks * I)
-                self.add_block(g, A, self.arm(g, c))
+                self.add_block(g, self.resistance[c], self.arm(g, c))
             for block in ti.static((self.translation_mobility, self.rotation_mobility)):
                 block[g] = (block[g] + 1e-12 * block[g].trace() * I).inverse()
 
