@@ -53,16 +53,16 @@ class Contacts(Term):
         self.partner, self.sticks = (ti.field(ti.i32, n) for _ in range(2))
         # what it resists velocities with, and the same before the last update [N s/m]
         self.resistance, self.last_resistance = (ti.Matrix.field(3, 3, ti.f64, n) for _ in range(2))
-        self.normal, self.slip_force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # -, t [N], m/s
-        self.gap, self.force, self.stiffness = (double_field(n) for _ in range(3))  # [m], lambda [N], r [N s/m]
-        self.slip = double_field(n)  # speed |v_t| of the last update, 0 where it sticks [m/s]
-        kept = "partner", "normal", "force", "slip_force", "slip", "sticks"
+        self.normal, self.force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # [-, N, m/s]
+        # [m], r [N s/m], the speed |v_t| that the cone is shifted by, 0 where it sticks [m/s]
+        self.gap, self.stiffness, self.slip = (double_field(n) for _ in range(3))
+        kept = "partner", "normal", "force", "slip", "sticks"
         # of the step before
-        self.old_partner, self.old_sticks = (ti.field(ti.i32, n) for _ in range(2))
-        self.old_force, self.old_slip = double_field(n), double_field(n)
-        self.old_normal, self.old_slip_force = double_field(n, 3), double_field(n, 3)
+        self.old_partner, self.old_sticks, self.old_slip = ti.field(ti.i32, n), ti.field(ti.i32, n), double_field(n)
+        self.old_normal, self.old_force = double_field(n, 3), double_field(n, 3)
         self.kept = [(getattr(self, name), getattr(self, f"old_{name}")) for name in kept]
         self.step = double_field()  # dt [s]
+        self.lasting = double_field(rigid.count)  # part of the forces on each grain that goes on [-]
         # mobility of each grain, the inverse of what resists its translation [s/kg] and its rotation [s/(kg m2)]
         self.translation_mobility, self.rotation_mobility = (
             ti.Matrix.field(3, 3, ti.f64, rigid.count) for _ in range(2)
@@ -150,15 +150,16 @@ class Contacts(Term):
             c = g * self.most + self.number[g]
             self.number[g] += 1
             self.partner[c], self.normal[c], self.gap[c], self.wall_velocity[c] = other, normal, gap, velocity
-            h = ti.max(other, 0) // self.parts**2
-            lighter = g if other < 0 or self.rigid.mass[g] <= self.rigid.mass[h] else h
-            self.stiffness[c] = self.penalty(lighter)
-            self.force[c], self.slip_force[c], self.slip[c], self.sticks[c] = 0.0, ti.Vector.zero(ti.f64, 3), 0.0, 0
+            h = self.other(g, c)
+            self.stiffness[c] = self.penalty(g if self.rigid.mass[g] <= self.rigid.mass[h] else h)
+            self.force[c], self.slip[c], self.sticks[c] = ti.Vector.zero(ti.f64, 3), 0.0, 0
             for b in range(g * self.most, (g + 1) * self.most):
                 if self.old_partner[b] == other and self.old_normal[b].dot(normal) > SAME_CONTACT:
-                    t = self.old_slip_force[b]
-                    self.force[c], self.slip_force[c] = self.old_force[b], t - normal * normal.dot(t)
-                    self.slip[c], self.sticks[c] = self.old_slip[b], self.old_sticks[b]
+                    self.force[c], self.slip[c], self.sticks[c] = (
+                        self.old_force[b],
+                        self.old_slip[b],
+                        self.old_sticks[b],
+                    )
             self.set_resistance(c)
         else:
             self.overflow[None] += 1
@@ -186,6 +187,11 @@ class Contacts(Term):
         return self.rigid.from_centre(s, -(self.rigid.sphere_radius[s] + gap) * self.normal[c])
 
     @ti.func
+    def other(self, g, c):
+        """Number of the grain that contact c of grain g is with, g itself where it is one with a wall."""
+        return g if self.partner[c] < 0 else self.partner[c] // self.parts**2
+
+    @ti.func
     def wall(self, c):
         """Number of the wall of contact c, below 0 where it is one with a grain."""
         return (-1 - self.partner[c]) // self.parts
@@ -204,15 +210,14 @@ class Contacts(Term):
     @ti.func
     def set_resistance(self, c):
         """Matrix of contact c: of all of a velocity where it sticks, of the part along its force where it slips."""
-        p = self.force[c] * self.normal[c] + self.slip_force[c]
-        p /= ti.max(p.norm(), 1e-30)
+        p = self.force[c] / ti.max(self.force[c].norm(), 1e-30)
         I, slips = ti.Matrix.identity(ti.f64, 3), 1 - self.sticks[c]  # noqa: E741
         self.resistance[c] = self.stiffness[c] * (self.sticks[c] * I + slips * p.outer_product(p))
 
     @ti.func
-    def opening(self, c):
-        """gap/dt, by which a contact may close [m/s]."""
-        return ti.max(0.0, self.gap[c]) / self.step[None]
+    def opening(self, c, slip):
+        """gap/dt, by which a contact may close, and what its cone is shifted by at a speed of slip [m/s]."""
+        return ti.max(0.0, self.gap[c]) / self.step[None] + self.coefficient(c) * slip
 
     # ---- in the system ---------------------------------------------------------------------------------------------
     @stage("contacts")
@@ -236,9 +241,8 @@ class Contacts(Term):
             force, torque = self.rigid.sums(g, b)
             torque += self.rigid.beyond_points(g, self.step[None]) @ self.rigid.spin[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
-                n = self.normal[c]
-                known = self.wall_velocity[c] - (self.opening(c) + self.coefficient(c) * self.slip[c]) * n
-                f = self.resistance[c] @ known + self.force[c] * n + self.slip_force[c]
+                known = self.wall_velocity[c] - self.opening(c, self.slip[c]) * self.normal[c]
+                f = self.resistance[c] @ known + self.force[c]
                 force += f
                 torque += self.arm(g, c).cross(f)
             self.rigid.distribute(g, force, torque, b)
@@ -249,21 +253,21 @@ class Contacts(Term):
         self.rigid.find_motions(u)
         for g in range(self.rigid.count):
             for c in range(g * self.most, g * self.most + self.number[g]):
-                n, r, mu = self.normal[c], self.stiffness[c], self.coefficient(c)
+                n, mu = self.normal[c], self.coefficient(c)
                 v = self.relative_velocity(g, c) - self.wall_velocity[c]
-                slip = self.slip[c] if self.force[c] > 0.0 else (v - n.dot(v) * n).norm()
-                trial = self.slip_force[c] - r * (v - n.dot(v) * n)
-                force, size = self.force[c] - r * (n.dot(v) + self.opening(c) + mu * slip), trial.norm()
-                slips = mu == 0.0 or size > mu * force
+                slip = self.slip[c] if self.force[c].norm() > 0.0 else (v - n.dot(v) * n).norm()
+                trial = self.force[c] - self.stiffness[c] * (v + self.opening(c, slip) * n)
+                force = n.dot(trial)
+                t = trial - force * n
+                size, slips = t.norm(), mu == 0.0 or t.norm() > mu * force
                 # a slip that turns round sticks first: its force would flip from solve to solve
-                turns = slips and self.sticks[c] == 0 and force > 0.0 and trial.dot(self.slip_force[c]) < 0.0
+                turns = slips and self.sticks[c] == 0 and force > 0.0 and t.dot(self.force[c]) < 0.0
                 self.sticks[c] = ti.cast(turns or not slips, ti.i32)
                 if slips:  # to the nearest force of the cone
                     force = ti.max(0.0, (force + mu * size) / (1.0 + mu * mu))
-                    trial *= 0.0 if turns else mu * force / ti.max(size, 1e-30)
-                slip += (1.0 + mu * mu) * (-v.dot(trial) / ti.max(trial.norm(), 1e-30) - slip)
-                self.slip[c] = 0.0 if self.sticks[c] == 1 else ti.max(0.0, slip)
-                self.force[c], self.slip_force[c] = force, trial
+                    t *= 0.0 if turns else mu * force / ti.max(size, 1e-30)
+                slip += (1.0 + mu * mu) * (-v.dot(t) / ti.max(t.norm(), 1e-30) - slip)
+                self.slip[c], self.force[c] = (1 - self.sticks[c]) * ti.max(0.0, slip), force * n + t
                 self.last_resistance[c] = self.resistance[c]
                 self.set_resistance(c)
 
@@ -280,17 +284,22 @@ class Contacts(Term):
             self.rigid.distribute(g, force, torque, r)
 
     @stage("contacts")
-    def separate(self):
-        """Move the grains apart by a part of their overlaps, without a force: in contacts that stick it would stay."""
+    def settle(self):
+        """At the end of a step, before the grains keep their motions: what goes on of the forces is in each grain what
+        other forces than inertia need, or that of an impact would stay where friction locks a grain in a gap. And the
+        grains move apart by a part of their overlaps, without a force, which would stay as well."""
+        for g in range(self.rigid.count):
+            inertia = self.rigid.mass[g] / self.step[None] * (self.rigid.mean[g] - self.rigid.velocity[g])
+            others = inertia
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                others -= self.force[c]
+                mass = self.rigid.mass[self.other(g, c)]
+                part = BACK * mass / (self.rigid.mass[g] + mass)
+                self.rigid.centre[g] += part * ti.max(0.0, -self.gap[c] - MAX_OVERLAP * self.spacing) * self.normal[c]
+            self.lasting[g] = ti.min(1.0, others.norm() / ti.max(inertia.norm(), 1e-30))
         for g in range(self.rigid.count):
             for c in range(g * self.most, g * self.most + self.number[g]):
-                share = ti.cast(1.0, ti.f64)
-                if self.partner[c] >= 0:
-                    other = self.rigid.mass[self.partner[c] // self.parts**2]
-                    share = other / (self.rigid.mass[g] + other)
-                self.rigid.centre[g] += (
-                    BACK * share * ti.max(0.0, -self.gap[c] - MAX_OVERLAP * self.spacing) * self.normal[c]
-                )
+                self.force[c] *= ti.min(self.lasting[g], self.lasting[self.other(g, c)])
 
     @ti.func
     def coefficient(self, c):
@@ -308,11 +317,10 @@ class Contacts(Term):
         for g in range(self.rigid.count):
             i = self.rigid.row[self.rigid.begin[g]]
             for c in range(g * self.most, g * self.most + self.number[g]):
-                force = -(self.force[c] * self.normal[c] + self.slip_force[c])
                 for j, number in ti.static(enumerate(loads.numbers)):
                     if self.wall(c) == number:
                         point = self.rigid.in_scene(self.rigid.centre[g] + self.arm(g, c))
-                        on_wall = ti.cast(self.rigid.in_scene(force), float)
+                        on_wall = -ti.cast(self.rigid.in_scene(self.force[c]), float)
                         arm = ti.cast(self.walls.surfaces[number].arm(point), float)
                         loads.forces[j][i] += on_wall
                         loads.torques[j][i] += loads.axial_vector(arm.outer_product(on_wall))
