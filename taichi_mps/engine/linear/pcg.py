@@ -15,7 +15,6 @@ from .vectors import Jacobi, Vectors
 
 HUGE = 1e38  # not (|s| < HUGE) finds NaN and infinity, also under fast_math
 REDUCTION_FLOOR = 1e-4  # part of the norm that the tolerance is compared with, below which no residual need be reduced
-TINY = 1e-40  # least reference: a right-hand side of rounding alone is none, and its products would underflow
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
 STATUS = "limit", "converged", "indefinite", "broken"  # how a solve ended; indefinite: (p, A p) <= 0 or (r, z) < 0
 FAILED = "indefinite", "broken"
@@ -214,7 +213,8 @@ class PCG:
             self.status[None], self.iterations[None] = RUNNING, 0
             if self.reference[None] == 0.0:
                 self.reference[None] = self.rz[None]
-            start, norm = ti.abs(self.rz[None]), ti.max(ti.abs(self.reference[None]), TINY)
+            # of less, as of dry grains at rest, products would underflow
+            start, norm = ti.abs(self.rz[None]), ti.max(ti.abs(self.reference[None]), 1e-40)
             least = ti.max(min_reduction * min_reduction * start, REDUCTION_FLOOR * REDUCTION_FLOOR * norm)
             self.target[None] = ti.max(
                 ti.min(tolerance * tolerance * norm, least), max_reduction * max_reduction * start

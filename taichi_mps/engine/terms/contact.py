@@ -24,8 +24,8 @@ MAX_WALL_CONTACTS = 3  # largest number of contacts of a sphere with one wall
 OF_CLUMP = 3  # room for contacts of a clump over that of a sphere
 SAME_CONTACT = 0.5  # cosine between normals from which on two points of a wall are one contact
 STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
-# overlap over l0 that stays, and part of a larger one that is taken back in a step
-MAX_OVERLAP, BACK = 0.01, 0.2
+# overlap over l0 that stays, and part of a larger one that each grain takes back in a step
+MAX_OVERLAP, BACK = 0.01, 0.1
 NONE = int(-1e6)  # no partner
 
 
@@ -111,14 +111,13 @@ class Contacts(Term):
     def find_wall_contacts(self, g, s, k: ti.template(), wall: ti.template()):
         """Contacts of sphere s of grain g with wall k: the point nearest to its particles, and others in other
         directions."""
-        start, radius, begin = self.rigid.centre[g], self.rigid.sphere_radius[s], self.number[g]
-        centre = self.rigid.from_centre(s, start)
+        centre, radius, begin = self.rigid.sphere_centre(s), self.rigid.sphere_radius[s], self.number[g]
         for n in range(MAX_WALL_CONTACTS):
             least, towards = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
             if n == 0 or self.number[g] == begin + n:
                 for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
                     if self.rigid.sphere_of[m] == s:
-                        distance, point, _velocity = self.nearest_point(wall, start + self.rigid.arm[m])
+                        distance, point, _velocity = self.nearest_point(wall, self.rigid.centre[g] + self.rigid.arm[m])
                         away = (point - centre).norm()
                         if distance < 2.4 * self.spacing and away < least:
                             new = True
@@ -127,13 +126,15 @@ class Contacts(Term):
                             if new:
                                 least, towards = away, (point - centre) / away
             if least < radius + 2.0 * self.spacing:
-                gap, velocity = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
-                for _ in range(3):  # the point nearest to the grain's own surface
+                gap, velocity, last = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
+                for _ in range(3):  # the point nearest to the grain's own surface, by Aitken's extrapolation
                     _distance, point, velocity = self.nearest_point(
-                        wall, centre + (radius - 0.5 * self.spacing) * towards
+                        wall, centre + (radius - 1.5 * self.spacing) * towards
                     )
                     gap = (point - centre).norm() - radius
-                    towards = (point - centre).normalized()
+                    change = (point - centre).normalized() - towards
+                    ratio = ti.max(0.0, ti.min(0.95, change.dot(last) / ti.max(last.norm_sqr(), 1e-30)))
+                    last, towards = change, (towards + change / (1.0 - ratio)).normalized()
                 if gap < NEAR * self.spacing:
                     self.add(g, -1 - (k * self.parts + s % self.parts), -towards, gap, velocity)
 
@@ -150,8 +151,7 @@ class Contacts(Term):
             c = g * self.most + self.number[g]
             self.number[g] += 1
             self.partner[c], self.normal[c], self.gap[c], self.wall_velocity[c] = other, normal, gap, velocity
-            h = self.other(g, c)
-            self.stiffness[c] = self.penalty(g if self.rigid.mass[g] <= self.rigid.mass[h] else h)
+            self.stiffness[c] = self.penalty(g, self.other(g, c))
             self.force[c], self.slip[c], self.sticks[c] = ti.Vector.zero(ti.f64, 3), 0.0, 0
             for b in range(g * self.most, (g + 1) * self.most):
                 if self.old_partner[b] == other and self.old_normal[b].dot(normal) > SAME_CONTACT:
@@ -165,12 +165,12 @@ class Contacts(Term):
             self.overflow[None] += 1
 
     @ti.func
-    def penalty(self, g):
-        """r [N s/m], by the mass of a grain over the step, its drag and its yield force."""
-        a, d = self.rigid.radius[g], ti.static(self.dimension)
+    def penalty(self, g, h):
+        """r [N s/m], by the mass of the smaller of grains g and h over the step, its drag and its yield force."""
+        a, d = ti.min(self.rigid.radius[g], self.rigid.radius[h]), ti.static(self.dimension)
         drag = 6.0 * np.pi * self.constants.eta[0] * (a if d == 3 else 1.0)
         held = YIELD_STIFFNESS * self.constants.tau_y[0] * (a * a if d == 3 else a)
-        return STIFFNESS * (self.rigid.mass[g] / self.step[None] + drag + held)
+        return STIFFNESS * (ti.min(self.rigid.mass[g], self.rigid.mass[h]) / self.step[None] + drag + held)
 
     def check(self) -> None:
         """Raise CapacityError where a contact of the step found no room."""
@@ -293,9 +293,7 @@ class Contacts(Term):
             others = inertia
             for c in range(g * self.most, g * self.most + self.number[g]):
                 others -= self.force[c]
-                mass = self.rigid.mass[self.other(g, c)]
-                part = BACK * mass / (self.rigid.mass[g] + mass)
-                self.rigid.centre[g] += part * ti.max(0.0, -self.gap[c] - MAX_OVERLAP * self.spacing) * self.normal[c]
+                self.rigid.centre[g] += BACK * ti.max(0.0, -self.gap[c] - MAX_OVERLAP * self.spacing) * self.normal[c]
             self.lasting[g] = ti.min(1.0, others.norm() / ti.max(inertia.norm(), 1e-30))
         for g in range(self.rigid.count):
             for c in range(g * self.most, g * self.most + self.number[g]):
