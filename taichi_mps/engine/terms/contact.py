@@ -1,10 +1,13 @@
 """Contacts of grains with each other and with walls: multipliers of the outer iterations, with friction (G5).
 
-At a contact with the normal n from the other, and the velocity v of the grain relative to the other there,
+At a contact with the normal n from the other, and the velocity v of the grain relative to the other there, its force is
 
-    lambda <- max(0, lambda - r (n.v + gap/dt)),    t <- t - r (v - n n.v), back to |t| <= mu lambda,
+    f <- f - r (v + (max(0, gap)/dt + mu |v_t|) n), to the nearest of the cone |f - n n.f| <= mu n.f,
 
-and in the matrix of the step r n n^T where it presses, r (I - n n^T) where it sticks. A grain keeps the list of its own
+v_t the slip of the iteration before (de Saxce and Feng 1998), and in the matrix of the step stands r I where it sticks,
+r p p^T where it slips, p along f. Friction of the last normal force instead diverges in a gap with tan a < mu: a disc
+that falls into it flies out faster. Nothing of f takes an overlap back, and after an impact only what other forces than
+inertia need goes on: friction would lock the rest in a gap for ever. A grain keeps the list of its own
 contacts, so one between two grains is in both lists, with opposite forces, and each grain sums its own. Pairs are found
 in the lists of neighbours of its particles; on a wall the point nearest to each of them, so each bar is a contact. In a
 clump each sphere has contacts of its own, found by the particles that count for it. A list that is full ends the run.
@@ -249,7 +252,7 @@ class Contacts(Term):
 
     @stage("contacts")
     def update(self, u: ti.template()):
-        """Forces of the contacts from the velocity u, mapped back onto Coulomb's cone (G5)."""
+        """Forces of the contacts from the velocity u, mapped back onto Coulomb's cone, and their slip (G5)."""
         self.rigid.find_motions(u)
         for g in range(self.rigid.count):
             for c in range(g * self.most, g * self.most + self.number[g]):
@@ -285,9 +288,8 @@ class Contacts(Term):
 
     @stage("contacts")
     def settle(self):
-        """At the end of a step, before the grains keep their motions: what goes on of the forces is in each grain what
-        other forces than inertia need, or that of an impact would stay where friction locks a grain in a gap. And the
-        grains move apart by a part of their overlaps, without a force, which would stay as well."""
+        """At the end of a step, before grains keep their motions: move them apart by a part of their overlaps, and keep
+        of their forces the part that other forces than inertia need."""
         for g in range(self.rigid.count):
             inertia = self.rigid.mass[g] / self.step[None] * (self.rigid.mean[g] - self.rigid.velocity[g])
             others = inertia
