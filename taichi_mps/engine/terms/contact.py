@@ -29,6 +29,7 @@ SAME_CONTACT = 0.5  # cosine between normals from which on two points of a wall 
 STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
 # overlap over l0 that stays, and part of a larger one that each grain takes back in a step
 MAX_OVERLAP, BACK = 0.01, 0.1
+FOOT_TURNS = 20  # in which the foot of a contact on a wall is found; each leaves 1 - l0/(2 a) of its error on a plane
 NONE = int(-1e6)  # no partner
 
 
@@ -129,15 +130,13 @@ class Contacts(Term):
                             if new:
                                 least, towards = away, (point - centre) / away
             if least < radius + 2.0 * self.spacing:
-                gap, velocity, last = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
-                for _ in range(3):  # the point nearest to the grain's own surface, by Aitken's extrapolation
+                gap, velocity = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
+                for _ in range(FOOT_TURNS):  # the point nearest to the grain's own surface
                     _distance, point, velocity = self.nearest_point(
-                        wall, centre + (radius - 1.5 * self.spacing) * towards
+                        wall, centre + (radius - 0.5 * self.spacing) * towards
                     )
                     gap = (point - centre).norm() - radius
-                    change = (point - centre).normalized() - towards
-                    ratio = ti.max(0.0, ti.min(0.95, change.dot(last) / ti.max(last.norm_sqr(), 1e-30)))
-                    last, towards = change, (towards + change / (1.0 - ratio)).normalized()
+                    towards = (point - centre).normalized()
                 if gap < NEAR * self.spacing:
                     self.add(g, -1 - (k * self.parts + s % self.parts), -towards, gap, velocity)
 
