@@ -14,4 +14,4 @@ def two_bars(half, bar):
     def distance(x):
         return np.minimum(*(np.hypot(x[:, 0] - side * half, x[:, 1]) for side in (-1.0, 1.0))) - bar
 
-    return mps.Solid.of(distance, (-half - 0.04, -0.03), (half + 0.04, 0.03), 0.25 * L0)
+    return mps.Solid.of(distance, (-half - 0.04, -0.03), (half + 0.04, 0.03), 0.125 * L0)

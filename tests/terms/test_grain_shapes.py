@@ -77,7 +77,7 @@ def test_two_ellipsoids_that_collide_keep_momentum_and_angular_momentum_and_go_o
 @pytest.mark.long
 def test_a_rod_lies_across_a_gap_through_which_a_disc_twice_as_wide_falls():
     """Five discs in a row, the outermost over the middles of two round bars three widths apart: at rest they touch
-    them, within their samples, a quarter of a spacing apart."""
+    them, within their samples, an eighth of a spacing apart."""
     bars = two_bars(8.0 * L0, 2.0 * L0)
     for shape, across in ((ROD, None), ("sphere", 8.0)):
         sim = dry(shape, [(0.0, 0.08)], across, gravity=(0.0, -G), walls=(bars,))

@@ -164,7 +164,7 @@ def test_a_disc_thrown_along_a_floor_slips_until_it_rolls_with_two_thirds_of_its
     sim, *_ = slope(0.0, 0.4, [(0.5, 0.0)])
     assert sim.grains.velocities[0, 0] == pytest.approx(0.5 * 2.0 / 3.0, rel=1e-3)
     state = sim.state()
-    state["contact_sticks"][0], state["contact_slip_force"][0, 0] = 0, 0.4 * sim.scheme.rigid.mass[0] * G
+    state["contact_sticks"][0], state["contact_force"][0, 0] = 0, 0.4 * sim.scheme.rigid.mass[0] * G
     sim.load(state)
     sim.step()
     assert sim.grains.velocities[0, 0] == pytest.approx(0.5 * 2.0 / 3.0, rel=1e-3)
@@ -178,18 +178,25 @@ def test_a_disc_slips_on_a_slope_steeper_than_three_times_its_friction():
 
 
 @pytest.mark.slow
-def test_a_grain_of_one_and_a_tenth_gaps_rests_on_two_bars_of_one_solid():
+@pytest.mark.parametrize("friction", [0.0, 0.2, 0.4])
+def test_a_grain_of_one_and_a_tenth_gaps_rests_on_two_bars_of_one_solid_that_bear_its_weight(friction):
     """The distance of the solid is that of its nearest point: each bar must be a contact. At rest the centre lies where
-    both touch, within the samples of the bars, a quarter of a spacing apart."""
-    size, bar = 6.0 * L0, 2.0 * L0
-    half = 0.5 * size / 1.1 + bar
-
-    sim = dry([(0.0, 0.07)], 6, gravity=(0.0, -G), walls=(two_bars(half, bar),))
-    advance(sim, 0.5)
-    height = ((0.5 * size + bar) ** 2 - half**2) ** 0.5
-    assert sim.scheme.contacts.number[0] == 2
-    assert sim.grains.centres[0] == pytest.approx([0.0, height], abs=0.03 * L0)
-    assert np.abs(sim.grains.velocities).max() < 1e-4
+    both touch, within the samples of the bars, an eighth of a spacing apart. Normal forces N at a slope a and friction
+    T <= mu N bear the weight, 2 (N sin a + T cos a) = W: without friction N = W/(2 sin a); with friction not more, and
+    at least W/(2 (sin a + mu cos a)). Friction of 0.4, more than tan a, would lock any force of the fall in."""
+    bar, reach = 2.0 * L0, 5.0 * L0
+    half = 3.0 * L0 / 1.1 + bar
+    sine = (1.0 - (half / reach) ** 2) ** 0.5
+    sim, rise = dry([(0.0, 0.07)], 6, gravity=(0.0, -G), walls=(two_bars(half, bar),), friction=friction), -1.0
+    while sim.time < 0.3:
+        sim.step()
+        rise = max(rise, sim.grains.velocities[0, 1])
+    contacts, least = sim.scheme.contacts, 0.5 * sim.scheme.rigid.mass[0] * G / (sine + friction * half / reach)
+    pressed = (contacts.force.to_numpy() * contacts.normal.to_numpy())[:2].sum(1)
+    assert contacts.number[0] == 2
+    assert sim.grains.centres[0] == pytest.approx([0.0, sine * reach], abs=0.03 * L0)
+    assert np.abs(sim.grains.velocities).max() < 1e-4 and rise < 0.01, "it comes down with 1 m/s"
+    assert 0.97 * least < pressed.min() <= pressed.max() < 1.03 * least * (1.0 + friction * half / reach / sine)
 
 
 @pytest.mark.slow
@@ -218,11 +225,11 @@ def test_what_preconditions_grains_in_mortar_is_the_mobility_of_each_and_positiv
     sim = pool(NEWTONIAN, 300.0, [(0.125, 0.025), (0.075, 0.025)], 5)
     sim.step()
     rigid, contacts, solver = sim.scheme.rigid, sim.scheme.contacts, sim.scheme.velocity.solver
-    contacts.presses.fill(0)
-    contacts.sticks.fill(0)
+    contacts.resistance.fill(0.0)
     free = matrix(sim, solver.A.multiply)
-    contacts.presses.fill(1)
-    contacts.sticks.from_numpy((contacts.partner.to_numpy() >= 0).astype(np.int32))
+    n, sticks = contacts.normal.to_numpy(), contacts.partner.to_numpy()[:, None, None] >= 0
+    parts = np.where(sticks, np.eye(3), n[:, :, None] * n[:, None])
+    contacts.resistance.from_numpy(contacts.stiffness.to_numpy()[:, None, None] * parts)
     solver.M.build()
     M, n = matrix(sim, solver.M.apply), rigid.particles.capacity
     blocks = np.linalg.inv(solver.A.inverse_diagonal.to_numpy())
@@ -248,7 +255,7 @@ def test_floor_and_sides_bear_the_weight_of_a_pool_with_a_disc_on_its_floor():
     more = 300.0 * G * len(template(5.0, 2)[1]) * L0**2
     borne = sum(load for name, load in sim.measures().items() if name.startswith("force") and "_z_" in name)
     assert -borne == pytest.approx(2000.0 * G * 0.2 * 0.16 + more, rel=5e-3)
-    assert sim.scheme.contacts.force[0] > 0.0
+    assert sim.scheme.contacts.force[0][1] > 0.0
 
 
 @pytest.mark.slow

@@ -213,7 +213,8 @@ class PCG:
             self.status[None], self.iterations[None] = RUNNING, 0
             if self.reference[None] == 0.0:
                 self.reference[None] = self.rz[None]
-            start, norm = ti.abs(self.rz[None]), ti.abs(self.reference[None])
+            # of less, as of dry grains at rest, products would underflow
+            start, norm = ti.abs(self.rz[None]), ti.max(ti.abs(self.reference[None]), 1e-40)
             least = ti.max(min_reduction * min_reduction * start, REDUCTION_FLOOR * REDUCTION_FLOOR * norm)
             self.target[None] = ti.max(
                 ti.min(tolerance * tolerance * norm, least), max_reduction * max_reduction * start

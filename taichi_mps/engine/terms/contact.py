@@ -1,10 +1,13 @@
 """Contacts of grains with each other and with walls: multipliers of the outer iterations, with friction (G5).
 
-At a contact with the normal n from the other, and the velocity v of the grain relative to the other there,
+At a contact with the normal n from the other, and the velocity v of the grain relative to the other there, its force is
 
-    lambda <- max(0, lambda - r (n.v + gap/dt)),    t <- t - r (v - n n.v), back to |t| <= mu lambda,
+    f <- f - r (v + (max(0, gap)/dt + mu |v_t|) n), to the nearest of the cone |f - n n.f| <= mu n.f,
 
-and in the matrix of the step r n n^T where it presses, r (I - n n^T) where it sticks. A grain keeps the list of its own
+v_t the slip of the iteration before (de Saxce and Feng 1998), and in the matrix of the step stands r I where it sticks,
+r p p^T where it slips, p along f. Friction of the last normal force instead diverges in a gap with tan a < mu: a disc
+that falls into it flies out faster. Nothing of f takes an overlap back, and after an impact only what other forces than
+inertia need goes on: friction would lock the rest in a gap for ever. A grain keeps the list of its own
 contacts, so one between two grains is in both lists, with opposite forces, and each grain sums its own. Pairs are found
 in the lists of neighbours of its particles; on a wall the point nearest to each of them, so each bar is a contact. In a
 clump each sphere has contacts of its own, found by the particles that count for it. A list that is full ends the run.
@@ -24,7 +27,9 @@ MAX_WALL_CONTACTS = 3  # largest number of contacts of a sphere with one wall
 OF_CLUMP = 3  # room for contacts of a clump over that of a sphere
 SAME_CONTACT = 0.5  # cosine between normals from which on two points of a wall are one contact
 STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
-BACK = 0.2  # part of an overlap that is taken back in a step
+# overlap over l0 that stays, and part of a larger one that each grain takes back in a step
+MAX_OVERLAP, BACK = 0.01, 0.1
+FOOT_TURNS = 20  # in which the foot of a contact on a wall is found; each leaves 1 - l0/(2 a) of its error on a plane
 NONE = int(-1e6)  # no partner
 
 
@@ -48,17 +53,20 @@ class Contacts(Term):
         self.number = ti.field(ti.i32, rigid.count)
         self.overflow = ti.field(ti.i32, ())  # times in the step that a contact found no room
         # partner: k s + own part of the sphere s of another grain, of k parts each; -1 - (k w + own part) of wall w;
-        # whether it presses, and sticks
-        self.partner, self.presses, self.sticks = (ti.field(ti.i32, n) for _ in range(3))
-        self.pressed, self.stuck = (ti.field(ti.i32, n) for _ in range(2))  # the same before the last update
-        self.normal, self.slip_force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # -, t [N], m/s
-        self.gap, self.force, self.stiffness = (double_field(n) for _ in range(3))  # [m], lambda [N], r [N s/m]
-        kept = "partner", "normal", "force", "slip_force", "sticks"
+        # whether it sticks
+        self.partner, self.sticks = (ti.field(ti.i32, n) for _ in range(2))
+        # what it resists velocities with, and the same before the last update [N s/m]
+        self.resistance, self.last_resistance = (ti.Matrix.field(3, 3, ti.f64, n) for _ in range(2))
+        self.normal, self.force, self.wall_velocity = (double_field(n, 3) for _ in range(3))  # [-, N, m/s]
+        # [m], r [N s/m], the speed |v_t| that the cone is shifted by, 0 where it sticks [m/s]
+        self.gap, self.stiffness, self.slip = (double_field(n) for _ in range(3))
+        kept = "partner", "normal", "force", "slip", "sticks"
         # of the step before
-        self.old_partner, self.old_sticks, self.old_force = ti.field(ti.i32, n), ti.field(ti.i32, n), double_field(n)
-        self.old_normal, self.old_slip_force = double_field(n, 3), double_field(n, 3)
+        self.old_partner, self.old_sticks, self.old_slip = ti.field(ti.i32, n), ti.field(ti.i32, n), double_field(n)
+        self.old_normal, self.old_force = double_field(n, 3), double_field(n, 3)
         self.kept = [(getattr(self, name), getattr(self, f"old_{name}")) for name in kept]
         self.step = double_field()  # dt [s]
+        self.lasting = double_field(rigid.count)  # part of the forces on each grain that goes on [-]
         # mobility of each grain, the inverse of what resists its translation [s/kg] and its rotation [s/(kg m2)]
         self.translation_mobility, self.rotation_mobility = (
             ti.Matrix.field(3, 3, ti.f64, rigid.count) for _ in range(2)
@@ -107,14 +115,13 @@ class Contacts(Term):
     def find_wall_contacts(self, g, s, k: ti.template(), wall: ti.template()):
         """Contacts of sphere s of grain g with wall k: the point nearest to its particles, and others in other
         directions."""
-        start, radius, begin = self.rigid.centre[g], self.rigid.sphere_radius[s], self.number[g]
-        centre = self.rigid.from_centre(s, start)
+        centre, radius, begin = self.rigid.sphere_centre(s), self.rigid.sphere_radius[s], self.number[g]
         for n in range(MAX_WALL_CONTACTS):
             least, towards = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
             if n == 0 or self.number[g] == begin + n:
                 for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
                     if self.rigid.sphere_of[m] == s:
-                        distance, point, _velocity = self.nearest_point(wall, start + self.rigid.arm[m])
+                        distance, point, _velocity = self.nearest_point(wall, self.rigid.centre[g] + self.rigid.arm[m])
                         away = (point - centre).norm()
                         if distance < 2.4 * self.spacing and away < least:
                             new = True
@@ -124,7 +131,7 @@ class Contacts(Term):
                                 least, towards = away, (point - centre) / away
             if least < radius + 2.0 * self.spacing:
                 gap, velocity = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
-                for _ in range(3):  # the point nearest to the grain's own surface
+                for _ in range(FOOT_TURNS):  # the point nearest to the grain's own surface
                     _distance, point, velocity = self.nearest_point(
                         wall, centre + (radius - 0.5 * self.spacing) * towards
                     )
@@ -146,27 +153,26 @@ class Contacts(Term):
             c = g * self.most + self.number[g]
             self.number[g] += 1
             self.partner[c], self.normal[c], self.gap[c], self.wall_velocity[c] = other, normal, gap, velocity
-            h = ti.max(other, 0) // self.parts**2
-            lighter = g if other < 0 or self.rigid.mass[g] <= self.rigid.mass[h] else h
-            self.stiffness[c] = self.penalty(lighter)
-            self.force[c], self.slip_force[c], self.sticks[c] = 0.0, ti.Vector.zero(ti.f64, 3), 0
+            self.stiffness[c] = self.penalty(g, self.other(g, c))
+            self.force[c], self.slip[c], self.sticks[c] = ti.Vector.zero(ti.f64, 3), 0.0, 0
             for b in range(g * self.most, (g + 1) * self.most):
                 if self.old_partner[b] == other and self.old_normal[b].dot(normal) > SAME_CONTACT:
-                    t = self.old_slip_force[b]
-                    self.force[c], self.slip_force[c] = self.old_force[b], t - normal * normal.dot(t)
-                    self.sticks[c] = self.old_sticks[b]
-            self.presses[c] = ti.cast(self.force[c] > 0.0 or gap < 0.0, ti.i32)
-            self.sticks[c] *= self.presses[c]
+                    self.force[c], self.slip[c], self.sticks[c] = (
+                        self.old_force[b],
+                        self.old_slip[b],
+                        self.old_sticks[b],
+                    )
+            self.set_resistance(c)
         else:
             self.overflow[None] += 1
 
     @ti.func
-    def penalty(self, g):
-        """r [N s/m], by the mass of a grain over the step, its drag and its yield force."""
-        a, d = self.rigid.radius[g], ti.static(self.dimension)
+    def penalty(self, g, h):
+        """r [N s/m], by the mass of the smaller of grains g and h over the step, its drag and its yield force."""
+        a, d = ti.min(self.rigid.radius[g], self.rigid.radius[h]), ti.static(self.dimension)
         drag = 6.0 * np.pi * self.constants.eta[0] * (a if d == 3 else 1.0)
         held = YIELD_STIFFNESS * self.constants.tau_y[0] * (a * a if d == 3 else a)
-        return STIFFNESS * (self.rigid.mass[g] / self.step[None] + drag + held)
+        return STIFFNESS * (ti.min(self.rigid.mass[g], self.rigid.mass[h]) / self.step[None] + drag + held)
 
     def check(self) -> None:
         """Raise CapacityError where a contact of the step found no room."""
@@ -181,6 +187,11 @@ class Contacts(Term):
         gap = self.gap[c] if partner < 0 else 0.5 * self.gap[c]
         s = g * self.parts + (partner if partner >= 0 else -1 - partner) % self.parts
         return self.rigid.from_centre(s, -(self.rigid.sphere_radius[s] + gap) * self.normal[c])
+
+    @ti.func
+    def other(self, g, c):
+        """Number of the grain that contact c of grain g is with, g itself where it is one with a wall."""
+        return g if self.partner[c] < 0 else self.partner[c] // self.parts**2
 
     @ti.func
     def wall(self, c):
@@ -199,18 +210,16 @@ class Contacts(Term):
         return v
 
     @ti.func
-    def resisted(self, c, v, presses, sticks):
-        """r times the part of a velocity v that contact c resists [N]: along the normal where it presses, all of it
-        where it sticks."""
-        n = self.normal[c]
-        along = n * n.dot(v)
-        return self.stiffness[c] * (presses * along + sticks * (v - along))
+    def set_resistance(self, c):
+        """Matrix of contact c: of all of a velocity where it sticks, of the part along its force where it slips."""
+        p = self.force[c] / ti.max(self.force[c].norm(), 1e-30)
+        I, slips = ti.Matrix.identity(ti.f64, 3), 1 - self.sticks[c]  # noqa: E741
+        self.resistance[c] = self.stiffness[c] * (self.sticks[c] * I + slips * p.outer_product(p))
 
     @ti.func
-    def opening(self, c):
-        """gap/dt, by which a contact may close; of an overlap the part that is taken back [m/s]."""
-        gap = self.gap[c]
-        return ti.select(gap > 0.0, gap, BACK * gap) / self.step[None]
+    def opening(self, c, slip):
+        """gap/dt, by which a contact may close, and what its cone is shifted by at a speed of slip [m/s]."""
+        return ti.max(0.0, self.gap[c]) / self.step[None] + self.coefficient(c) * slip
 
     # ---- in the system ---------------------------------------------------------------------------------------------
     @stage("contacts")
@@ -221,7 +230,7 @@ class Contacts(Term):
             force, torque = self.rigid.sums(g, y)
             torque += self.rigid.beyond_points(g, self.step[None]) @ self.rigid.rate[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
-                f = self.resisted(c, self.relative_velocity(g, c), self.presses[c], self.sticks[c])
+                f = self.resistance[c] @ self.relative_velocity(g, c)
                 force += f
                 torque += self.arm(g, c).cross(f)
             self.rigid.distribute(g, force, torque, y)
@@ -234,34 +243,35 @@ class Contacts(Term):
             force, torque = self.rigid.sums(g, b)
             torque += self.rigid.beyond_points(g, self.step[None]) @ self.rigid.spin[g]
             for c in range(g * self.most, g * self.most + self.number[g]):
-                n = self.normal[c]
-                known = self.wall_velocity[c] - self.opening(c) * n
-                f = self.resisted(c, known, self.presses[c], self.sticks[c])
-                if self.presses[c] == 1:
-                    f += self.force[c] * n + self.slip_force[c]
+                known = self.wall_velocity[c] - self.opening(c, self.slip[c]) * self.normal[c]
+                f = self.resistance[c] @ known + self.force[c]
                 force += f
                 torque += self.arm(g, c).cross(f)
             self.rigid.distribute(g, force, torque, b)
 
     @stage("contacts")
     def update(self, u: ti.template()):
-        """Forces of the contacts from the velocity u, mapped back onto Coulomb's cone (G5)."""
+        """Forces of the contacts from the velocity u, mapped back onto Coulomb's cone, and their slip (G5)."""
         self.rigid.find_motions(u)
         for g in range(self.rigid.count):
             for c in range(g * self.most, g * self.most + self.number[g]):
-                n, r = self.normal[c], self.stiffness[c]
-                self.pressed[c], self.stuck[c] = self.presses[c], self.sticks[c]
+                n, mu = self.normal[c], self.coefficient(c)
                 v = self.relative_velocity(g, c) - self.wall_velocity[c]
-                along = n.dot(v)
-                self.force[c] = ti.max(0.0, self.force[c] - r * (along + self.opening(c)))
-                self.presses[c] = ti.cast(self.force[c] > 0.0, ti.i32)
-                trial = self.slip_force[c] - r * (v - along * n)
-                bound, size = self.coefficient(c) * self.force[c], trial.norm()
+                slip = self.slip[c] if self.force[c].norm() > 0.0 else (v - n.dot(v) * n).norm()
+                trial = self.force[c] - self.stiffness[c] * (v + self.opening(c, slip) * n)
+                force = n.dot(trial)
+                t = trial - force * n
+                size, slips = t.norm(), mu == 0.0 or t.norm() > mu * force
                 # a slip that turns round sticks first: its force would flip from solve to solve
-                turns = self.stuck[c] == 0 and trial.dot(self.slip_force[c]) < 0.0
-                self.sticks[c] = ti.cast((size <= bound or turns) and bound > 0.0, ti.i32)
-                back = self.slip_force[c] if turns else trial
-                self.slip_force[c] = back * ti.min(1.0, bound / ti.max(back.norm(), 1e-30))
+                turns = slips and self.sticks[c] == 0 and force > 0.0 and t.dot(self.force[c]) < 0.0
+                self.sticks[c] = ti.cast(turns or not slips, ti.i32)
+                if slips:  # to the nearest force of the cone
+                    force = ti.max(0.0, (force + mu * size) / (1.0 + mu * mu))
+                    t *= 0.0 if turns else mu * force / ti.max(size, 1e-30)
+                slip += (1.0 + mu * mu) * (-v.dot(t) / ti.max(t.norm(), 1e-30) - slip)
+                self.slip[c], self.force[c] = (1 - self.sticks[c]) * ti.max(0.0, slip), force * n + t
+                self.last_resistance[c] = self.resistance[c]
+                self.set_resistance(c)
 
     @stage("contacts")
     def change_residual(self, u: ti.template(), r: ti.template()):
@@ -270,11 +280,25 @@ class Contacts(Term):
         for g in range(self.rigid.count):
             force, torque = self.rigid.sums(g, r)
             for c in range(g * self.most, g * self.most + self.number[g]):
-                presses, sticks = self.presses[c] - self.pressed[c], self.sticks[c] - self.stuck[c]
-                f = self.resisted(c, self.relative_velocity(g, c), presses, sticks)
+                f = (self.resistance[c] - self.last_resistance[c]) @ self.relative_velocity(g, c)
                 force -= f
                 torque -= self.arm(g, c).cross(f)
             self.rigid.distribute(g, force, torque, r)
+
+    @stage("contacts")
+    def settle(self):
+        """At the end of a step, before grains keep their motions: move them apart by a part of their overlaps, and keep
+        of their forces the part that other forces than inertia need."""
+        for g in range(self.rigid.count):
+            inertia = self.rigid.mass[g] / self.step[None] * (self.rigid.mean[g] - self.rigid.velocity[g])
+            others = inertia
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                others -= self.force[c]
+                self.rigid.centre[g] += BACK * ti.max(0.0, -self.gap[c] - MAX_OVERLAP * self.spacing) * self.normal[c]
+            self.lasting[g] = ti.min(1.0, others.norm() / ti.max(inertia.norm(), 1e-30))
+        for g in range(self.rigid.count):
+            for c in range(g * self.most, g * self.most + self.number[g]):
+                self.force[c] *= ti.min(self.lasting[g], self.lasting[self.other(g, c)])
 
     @ti.func
     def coefficient(self, c):
@@ -292,11 +316,10 @@ class Contacts(Term):
         for g in range(self.rigid.count):
             i = self.rigid.row[self.rigid.begin[g]]
             for c in range(g * self.most, g * self.most + self.number[g]):
-                force = -(self.force[c] * self.normal[c] + self.slip_force[c])
                 for j, number in ti.static(enumerate(loads.numbers)):
                     if self.wall(c) == number:
                         point = self.rigid.in_scene(self.rigid.centre[g] + self.arm(g, c))
-                        on_wall = ti.cast(self.rigid.in_scene(force), float)
+                        on_wall = -ti.cast(self.rigid.in_scene(self.force[c]), float)
                         arm = ti.cast(self.walls.surfaces[number].arm(point), float)
                         loads.forces[j][i] += on_wall
                         loads.torques[j][i] += loads.axial_vector(arm.outer_product(on_wall))
@@ -325,9 +348,7 @@ class Contacts(Term):
                     A[a, b] = D[a, b]
                 self.add_block(g, A, self.rigid.arm[m])
             for c in range(g * self.most, g * self.most + self.number[g]):
-                sticks, nn = self.sticks[c], self.normal[c].outer_product(self.normal[c])
-                A = self.stiffness[c] * ((self.presses[c] - sticks) * nn + sticks * I)
-                self.add_block(g, A, self.arm(g, c))
+                self.add_block(g, self.resistance[c], self.arm(g, c))
             for block in ti.static((self.translation_mobility, self.rotation_mobility)):
                 block[g] = (block[g] + 1e-12 * block[g].trace() * I).inverse()
 

@@ -57,8 +57,8 @@ class Rigid(Term):
         self.radius, self.mass = ti.field(ti.f64, self.count), ti.field(ti.f64, self.count)  # [m, kg]
         # in the grain, moment of inertia of the solid, and what it is beyond that of its particles as points [kg m2]
         self.solid, self.extra = (ti.Matrix.field(3, 3, ti.f64, self.count) for _ in range(2))
-        self.mortar_fraction = ti.field(real(), self.capacity)  # c of each particle [-]
-        self.stress_ratio = ti.field(real(), self.capacity)  # s of each particle [-]
+        # c and s of each particle [-]
+        self.mortar_fraction, self.stress_ratio = (ti.field(real(), self.capacity) for _ in range(2))
         self.masked = ti.field(ti.i32, self.capacity)  # 1 of a particle of a grain that sees no mortar
         fields = {"centre": self.centre, "velocity": self.velocity, "spin": self.spin, "turn": self.rotation}
         self.motions = FieldIO({f"grain_{name}": field for name, field in fields.items()}, self.count)
@@ -115,8 +115,7 @@ class Rigid(Term):
         """Velocities [m/s] and spins [1/s], (n, 3), of the grains ``of`` the members with arms (m, 3) and velocities u
         (m, d)."""
         velocity, spin = np.zeros((self.count, 3)), np.zeros((self.count, 3))
-        whole = np.zeros((len(u), 3))
-        whole[:, : self.dimension] = u
+        whole = np.pad(u, ((0, 0), (0, 3 - self.dimension)))
         for g in range(self.count):
             y, v = arms[of == g], whole[of == g]
             velocity[g] = v.mean(0)
@@ -149,9 +148,7 @@ class Rigid(Term):
     @ti.func
     def from_centre(self, s, v):
         """A vector from the centre of sphere s as one from the centre of its grain [m]."""
-        if ti.static(self.parts > 1):
-            v += self.rotation[s // self.parts] @ self.sphere_offset[s]
-        return v
+        return v + self.rotation[s // self.parts] @ self.sphere_offset[s]
 
     @ti.func
     def sphere_centre(self, s):
@@ -161,10 +158,7 @@ class Rigid(Term):
     @ti.func
     def beyond_points(self, g, dt):
         """Moment of inertia of grain g in space beyond that of its particles as points, over dt [kg m2/s]."""
-        E = self.extra[g][2, 2] / dt * ti.Matrix.identity(ti.f64, 3)
-        if ti.static(self.uneven):
-            E = self.rotation[g] @ (self.extra[g] / dt) @ self.rotation[g].transpose()
-        return E
+        return self.rotation[g] @ (self.extra[g] / dt) @ self.rotation[g].transpose()
 
     @ti.func
     def rotated(self, w):
