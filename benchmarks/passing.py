@@ -21,8 +21,8 @@ from taichi_mps.io.run_folder import RunFolder
 ROWS, RUNS, GAP = points.RESULTS / "passing.jsonl", points.ROOT / "renders/passing", 41.0  # between two bars [mm]
 UNTIL, SETTINGS = 1.0, ("model", "diameter_mm", "fraction", "across", "seed")
 SLICES = [("slice", d, part, 4, seed) for seed in range(1, 11) for part in (0.3, 0.2, 0.1) for d in (20, 16, 12)]
-# three of one spacing, the fullest of one seed, the whole box beside them, a finer slice, then the rest
-FIRST = [*(("slice", 7 * n, 0.3, n, 1) for n in (5, 4, 3)), *SLICES[:3]]
+# three of one spacing by three seeds, the fullest of one, the whole box beside them, a finer slice, then the rest
+FIRST = [*(("slice", 7 * n, 0.3, n, seed) for seed in (1, 2, 3) for n in (5, 4, 3)), *SLICES[:3]]
 CASES = [*FIRST, ("full", 16, 0.3, 4, 1), ("slice", 16, 0.3, 6, 1), *SLICES[3:]]
 
 
