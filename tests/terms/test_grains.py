@@ -178,7 +178,7 @@ def test_a_disc_slips_on_a_slope_steeper_than_three_times_its_friction():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", [0.0, 0.2, 0.4])
+@pytest.mark.parametrize("friction", [0.0, pytest.param(0.2, marks=pytest.mark.long), 0.4])
 def test_a_grain_of_one_and_a_tenth_gaps_rests_on_two_bars_of_one_solid_that_bear_its_weight(friction):
     """The distance of the solid is that of its nearest point: each bar must be a contact. At rest the centre lies where
     both touch, within the samples of the bars, an eighth of a spacing apart. Normal forces N at a slope a and friction
