@@ -227,7 +227,7 @@ def shorten_front_end() -> None:
 
 def build_matrices_directly() -> None:
     """Patch Taichi to build sums, products and transposes of matrices from the expressions of their entries, in the
-    order of its own functions, which it reads anew for each as it reads a kernel: a third of the functions that a cone reads."""
+    order of its own functions, which it reads anew for each: a third of the functions that a cone reads."""
     from taichi.lang import impl, matrix, matrix_ops
 
     def once(value):
