@@ -110,7 +110,7 @@ def test_what_stands_wakes_when_gravity_turns(monkeypatch):
     assert reach[0] == pytest.approx(reach[1], rel=0.05) and reach[1] > L0
 
 
-@pytest.mark.parametrize("d", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("d", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_a_jolt_gives_a_free_block_the_velocity_of_its_distance_from_the_hinge(d):
     """A hinged table that stops gives a body on it omega times the distance from the hinge, in one step and to the
     solver's tolerance, since a rigid turn strains nothing."""

@@ -48,7 +48,7 @@ def turned(across, dimension, turn, turns, material, spacing=0.01):
     [
         (6, 2, 3.0, 0.5, "Bingham"),
         pytest.param(10, 2, 2.0, 2.0, "Bingham", marks=pytest.mark.long),
-        pytest.param(6, 3, 2.5, 2.0, "Bingham", marks=pytest.mark.slow),
+        pytest.param(6, 3, 2.5, 2.0, "Bingham", marks=pytest.mark.long),
         pytest.param(6, 3, 2.5, 2.0, "bi-viscosity", marks=pytest.mark.long),
         pytest.param(6, 3, 2.5, 2.0, "flow curve", marks=pytest.mark.long),
     ],

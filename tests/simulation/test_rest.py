@@ -126,7 +126,7 @@ def test_at_rest_a_structure_grows_within_a_hundredth_in_few_steps(limit):
 
 @pytest.mark.parametrize(
     ("spacing", "passes"),
-    [(0.02, 6), *(pytest.param(*given, marks=pytest.mark.slow) for given in ((0.02, 24), (0.01, 6)))],
+    [(0.02, 6), *(pytest.param(*given, marks=pytest.mark.long) for given in ((0.02, 24), (0.01, 6)))],
     ids=str,
 )
 def test_a_cone_that_stands_is_quiet(spacing, passes):

@@ -24,8 +24,8 @@ def test_packing_counts_volume_whatever_the_disorder():
     assert packing.mean() == pytest.approx(1.0, abs=0.015)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("dimension", [2, 3])
 def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(dimension):
     """The loss of volume is found although the surface normals of a pair point to each other, so that no particle is
     enclosed."""

@@ -144,7 +144,7 @@ def slope(tangent, friction, velocity=None):
     return sim, np.sin(angle), np.cos(angle)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_disc_rolls_down_a_slope_with_two_thirds_of_its_weight_along_it_and_presses_with_its_weight_across():
     """Its inertia is that of a disc, m a^2/2, not that of its particles as points, which would give 0.69."""
     sim, along, across = slope(0.3, 0.4)
@@ -178,7 +178,7 @@ def test_a_disc_slips_on_a_slope_steeper_than_three_times_its_friction():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", [0.0, pytest.param(0.2, marks=pytest.mark.long), 0.4])
+@pytest.mark.parametrize("friction", [0.4, *(pytest.param(mu, marks=pytest.mark.long) for mu in (0.0, 0.2))])
 def test_a_grain_of_one_and_a_tenth_gaps_rests_on_two_bars_of_one_solid_that_bear_its_weight(friction):
     """The distance of the solid is that of its nearest point: each bar must be a contact. At rest the centre lies where
     both touch, within the samples of the bars, an eighth of a spacing apart. Normal forces N at a slope a and friction
