@@ -5,8 +5,8 @@ import pytest
 import scipy.sparse as sp
 
 import taichi_mps as mps
+from taichi_mps.engine.linear import pcg
 from taichi_mps.engine.linear.node_multigrid import NodeMultigrid
-from taichi_mps.engine.linear.pcg import PCG
 from taichi_mps.engine.runtime import stages
 from taichi_mps.engine.runtime.backend import ti
 from taichi_mps.engine.runtime.stages import Execution, block_stage, loop_stage
@@ -77,8 +77,8 @@ def test_threads_of_a_gpu_take_each_row_once_and_are_started_once_a_loop(monkeyp
 @pytest.mark.skipif(not HAS_DEVICE_LOOPS, reason="a graph that repeats itself, of Quadrants")
 def test_a_solve_on_a_gpu_asks_python_twice_with_the_bits_of_one_that_asks_at_each_iteration(gpu, monkeypatch):
     a, b = spd(40), np.random.default_rng(1).standard_normal(40)
-    looks, unfinished = [], PCG.unfinished
-    monkeypatch.setattr(PCG, "unfinished", lambda solver: looks.append(solver) or unfinished(solver))
+    looks, unfinished = [], pcg.unfinished
+    monkeypatch.setattr(pcg, "unfinished", lambda left: looks.append(left) or unfinished(left))
     found = []
     for on_device in (True, False):
         monkeypatch.setattr(stages, "HAS_DEVICE_LOOPS", on_device)
