@@ -193,6 +193,8 @@ class Execution:
 
     def flush(self, times: int = 1):
         """Launch the queued stages ``times`` times, in several kernels where one would have too many arguments."""
+        if self._before_loop is not None:
+            raise RuntimeError("a loop of the GPU itself: Python can read nothing in it")
         calls, self._waiting = self._waiting, []
         while calls:
             with less_optimised(self.fuses and self.rows < OPTIMISED_FROM_ROWS):
