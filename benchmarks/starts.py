@@ -7,7 +7,8 @@ The kernels of a GPU are compiled for the processor, for Taichi cuts both into t
 threads, or what one thread does between two loops, such as to read how long the next one is. On a GPU each task is
 started by itself. Taichi's profiler notes every task that is executed; those between two looks at whether a solve has
 converged are of one iteration, by the median of a step's. A number that Python reads is a task, too, and a wait for all
-before it.
+before it. With TAICHI_MPS_KERNELS=quadrants only the kernels and numbers of an outer iteration tell something: there
+Python does not look at each iteration of a solve.
 
 Bytes are those of the fields that each loop goes through (LOOPS), times how often. Prints the tables of
 benchmarks/results/starts.md.
@@ -16,50 +17,68 @@ benchmarks/results/starts.md.
 import argparse
 import os
 
-os.environ |= {"TI_KERNEL_PROFILER": "1", "TI_OFFLINE_CACHE": "0"}  # before Taichi starts
+os.environ |= {f"{name}_KERNEL_PROFILER": "1" for name in ("TI", "QD")}  # before Taichi starts
+os.environ |= {f"{name}_OFFLINE_CACHE": "0" for name in ("TI", "QD")}
+
+from itertools import pairwise
 
 import numpy as np
 import points
-import taichi
-from taichi.profiler.kernel_profiler import get_default_kernel_profiler
 
 import taichi_mps as mps
-from taichi_mps.engine.linear.pcg import PCG
+from taichi_mps.engine.linear import pcg
 from taichi_mps.engine.runtime import thread_team
-from taichi_mps.engine.runtime.backend import for_kernels, session
+from taichi_mps.engine.runtime.backend import for_kernels, session, ti
+from taichi_mps.engine.schemes.implicit import ImplicitScheme
 
-HEADS = "particles", "grids", "tasks an iteration", "of one thread", "numbers read", "kernels", "tasks a step"
+HEADS = (
+    "particles",
+    "grids",
+    "tasks an iteration",
+    "of one thread",
+    "numbers read",
+    "kernels",
+    "tasks a step",
+    "numbers read an outer iteration",
+    "kernels an outer iteration",
+)
 
 
 def noted() -> list[int]:
     """Numbers of tasks since the last call: in all, of one thread, to read a number, and the first of a kernel."""
-    profiler = get_default_kernel_profiler()
+    profiler = ti.profiler.kernel_profiler.get_default_kernel_profiler()
     profiler._update_records()
     names = [record.name for record in profiler._traced_records]
-    taichi.profiler.clear_kernel_profiler_info()
+    ti.profiler.clear_kernel_profiler_info()
     reads, serial, kernels = (sum(part in name for name in names) for part in ("snode_", "_serial", "_kernel_0_"))
     return [len(names), serial - reads, reads, kernels - reads]
 
 
 def measure(particles: int) -> tuple:
-    """A step of a slump cone of 300 Pa after another one: its simulation, and the tasks at each look at a solve."""
+    """A step of a slump cone of 300 Pa after another one: its simulation, the tasks at each look at a solve, and how
+    many looks there were before each outer iteration."""
     mps.init("cpu", threads=2)
     session().settings["arch"] = "cuda"  # from now on what is compiled is a GPU's code
-    taichi.simt.block.sync = for_kernels(lambda: None)
+    ti.simt.block.sync = for_kernels(lambda: None)
     getattr(thread_team, "Block", thread_team).in_a_block = 1  # an older checkout has none
     volume_of_one = mps.Cone(0.1, 0.05, 0.3).volume / particles
     sim = mps.Simulation(mps.slump_cone(yield_value=300.0, spacing=volume_of_one ** (1 / 3)))
     sim.step()
-    looks, unfinished = [], PCG.unfinished
+    solver = pcg if hasattr(pcg, "unfinished") else pcg.PCG  # the latter in an older checkout
+    looks, outer, unfinished, iterate = [], [], solver.unfinished, ImplicitScheme.iterate
 
     def counted(*arguments):
         looks.append(noted())
         return unfinished(*arguments)
 
-    PCG.unfinished = counted
+    def begun(*arguments):
+        outer.append(len(looks))
+        return iterate(*arguments)
+
+    solver.unfinished, ImplicitScheme.iterate = counted, begun
     noted()
     sim.step()
-    return sim, [*looks, noted()]
+    return sim, [*looks, noted()], outer
 
 
 # ---- bytes ----------------------------------------------------------------------------------------------------------
@@ -111,15 +130,16 @@ def traffic(scheme) -> list[tuple]:
 
 def size(field) -> int:
     """Bytes of an element of a field."""
-    return 4 * (1 + (field.dtype == taichi.f64)) * getattr(field, "n", 1) * getattr(field, "m", 1)
+    return 4 * (1 + (field.dtype == ti.f64)) * getattr(field, "n", 1) * getattr(field, "m", 1)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--particles", type=int, default=20_000)
-    sim, looks = measure(parser.parse_args().particles)
+    sim, looks, outer = measure(parser.parse_args().particles)
     row = len(sim.scene.fluid), sim.scheme.velocity.solver.M.grids, *np.median(looks, axis=0).astype(int)
-    print(points.table(HEADS, [[*row, sum(look[0] for look in looks)]]), "\n")
+    of_outer = np.median([np.sum(looks[a:b], axis=0) for a, b in pairwise(outer)], axis=0).astype(int)
+    print(points.table(HEADS, [[*row, sum(look[0] for look in looks), *of_outer[2:]]]), "\n")
     print(points.table(("part", *WAYS), traffic(sim.scheme)))
 
 

@@ -18,7 +18,8 @@ class Numbers:
     """x_i = i + 1, and what stages make of it."""
 
     def __init__(self):
-        self.x = ti.field(ti.f64, 4)
+        self.x, self.three = ti.field(ti.f64, 4), ti.field(ti.i32, ())
+        self.three[None] = 3
         self.x.from_numpy(np.arange(1.0, 5.0))
 
     @stage("add")
@@ -42,7 +43,7 @@ class Numbers:
         self.add(amount)
         if factor != 1:
             self.multiply(factor, 2)
-        return 3
+        return self.three
 
     @team_stage("shared")
     def shared(self, amount: ti.f64):

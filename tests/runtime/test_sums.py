@@ -6,13 +6,13 @@ import scipy.sparse as sp
 
 import taichi_mps as mps
 from taichi_mps.engine.linear.node_multigrid import NodeMultigrid
-from taichi_mps.engine.linear.pcg import PCG
 from taichi_mps.engine.runtime import stages
 from taichi_mps.engine.runtime.backend import ti
 from taichi_mps.engine.runtime.stages import Execution, block_stage, loop_stage
 from taichi_mps.engine.runtime.sums import CHUNK, running_sums
 from taichi_mps.engine.runtime.thread_team import first, last, wait
 from taichi_mps.engine.runtime.workarounds import HAS_DEVICE_LOOPS
+from taichi_mps.engine.schemes.implicit import ImplicitScheme
 from tests.support.devices import as_gpu
 from tests.support.linear import solve, sparse_matrix, spd
 
@@ -74,19 +74,45 @@ def test_threads_of_a_gpu_take_each_row_once_and_are_started_once_a_loop(monkeyp
     assert numbers.x.to_numpy().tolist() == [1 + 100 + 101 + 10] * rows + [0] * (100 - rows)
 
 
-@pytest.mark.skipif(not HAS_DEVICE_LOOPS, reason="a graph that repeats itself, of Quadrants")
-def test_a_solve_on_a_gpu_asks_python_twice_with_the_bits_of_one_that_asks_at_each_iteration(gpu, monkeypatch):
+of_quadrants = pytest.mark.skipif(not HAS_DEVICE_LOOPS, reason="a graph that repeats itself, of Quadrants")
+
+
+@of_quadrants
+def test_a_solve_that_a_gpu_repeats_has_the_bits_of_one_that_asks_python_at_each_iteration(gpu, monkeypatch):
     a, b = spd(40), np.random.default_rng(1).standard_normal(40)
-    looks, unfinished = [], PCG.unfinished
-    monkeypatch.setattr(PCG, "unfinished", lambda solver: looks.append(solver) or unfinished(solver))
     found = []
     for on_device in (True, False):
         monkeypatch.setattr(stages, "HAS_DEVICE_LOOPS", on_device)
         x, report = solve(sparse_matrix(sp.csr_matrix(a)), b)
-        found.append((x.tobytes(), report.iterations, len(looks)))
-        looks.clear()
-    assert np.frombuffer(found[0][0]) == pytest.approx(np.linalg.solve(a, b), abs=1e-8)
-    assert found[0][:2] == found[1][:2] and found[0][2] == 2 and found[1][2] == found[1][1] + 1
+        found.append((x.tobytes(), report.iterations))
+        assert not solve(sparse_matrix(sp.csr_matrix(a)), b, limit=0)[0].any()
+    assert found[0] == found[1] and np.frombuffer(found[0][0]) == pytest.approx(np.linalg.solve(a, b), abs=1e-8)
+
+
+@of_quadrants
+@pytest.mark.slow
+def test_an_outer_iteration_on_a_gpu_is_one_kernel_with_the_bits_of_those_between_which_python_reads(gpu, monkeypatch):
+    """Also where the guess already solves the system: Python then starts two kernels and reads a number."""
+    events, found = [], []
+
+    def noted(event, method):
+        return lambda *arguments: events.append(event) or method(*arguments)
+
+    for event, owner, name in (
+        ("iterate ", ImplicitScheme, "iterate"),
+        ("launch ", Execution, "_launch_kernel"),
+        ("read ", ti.ScalarField, "__getitem__"),
+    ):
+        monkeypatch.setattr(owner, name, noted(event, getattr(owner, name)))
+    x, domain = mps.lattice((0.0, 0.0), (0.06, 0.06), 0.02), ((-0.1, -0.1), (0.2, 0.2))
+    sim = mps.Simulation(mps.Scene("block", mps.Newtonian(viscosity=100.0), 0.02, x, domain, velocity=x[:, ::-1]))
+    start = sim.state()
+    for again in (sim.execution._again, None):
+        monkeypatch.setattr(sim.execution, "_again", again)
+        sim.load(start)
+        found.append([sim.step().solver_iterations, sim.snapshot().u.tobytes()])
+        found.append(set("".join(events).split("iterate ")[1:-1]))  # the last one goes on to the end of the step
+    assert found[0] == found[2] and found[1] == {"launch "} and "launch read launch " in found[3]
 
 
 @pytest.mark.long

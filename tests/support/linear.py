@@ -85,6 +85,7 @@ def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None
         padded = np.pad(values, (0, capacity * components - b.size))
         field.from_numpy(padded.reshape(capacity, components))
     given = {"limit": 1000, "most": HUGE, "again": 0, "reduction": 1.0, "enough": 0.0} | options
+    solver.max_reference[None] = given.pop("most")
     with execution.active():
         solver.multiply_guess()
         solver.solve(tolerance, *given.values())

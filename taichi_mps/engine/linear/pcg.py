@@ -9,7 +9,7 @@ iterative solution of Ax = b with successive right-hand sides, Computer Methods 
 """
 
 from ..runtime.backend import double_field, ti
-from ..runtime.stages import flush, loop_stage, sequence, stage, team_stage
+from ..runtime.stages import loop_stage, sequence, stage, team_stage, unfinished
 from ..runtime.thread_team import barrier, begins, first, last, leads, takes_part, wait
 from .vectors import Jacobi, Vectors
 
@@ -32,8 +32,9 @@ class PCG:
     preconditioner M: the stage apply(r, z), z = M^-1 r, and build() for the present operator, which the caller calls
     before a solve; Jacobi by default.
 
-    Fields: ``b`` right-hand side; ``x`` initial guess in, solution out; of the last solve ``status``,
-    ``iterations``, and (r, z) in ``rz`` beside its ``reference``.
+    Fields: ``b`` right-hand side; ``x`` initial guess in, solution out; ``max_reference``, upper bound of the
+    reference that residuals are compared with; of the last solve ``status``, ``iterations``, and (r, z) in ``rz``
+    beside its ``reference``.
     """
 
     def __init__(self, capacity: int, components: int, operator, preconditioner=None):
@@ -44,6 +45,8 @@ class PCG:
         self.rz, self.rz_new, self.pq = (double_field() for _ in range(3))  # (r, z), the next one, (p, A p)
         self.alpha, self.beta = double_field(), double_field()
         self.reference, self.target = double_field(), double_field()  # values of (r, z), see set_target
+        self.max_reference = double_field()
+        self.max_reference[None] = HUGE
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
         self.left = ti.field(ti.i32, ())  # iterations that may still follow
@@ -59,13 +62,12 @@ class PCG:
         self,
         tolerance: ti.f64,
         limit: ti.i32,
-        max_reference: ti.f64,
         warm_start: ti.i32,
         min_reduction: ti.f64,
         max_reduction: ti.f64,
     ):
         """Iterate from the guess x, after ``multiply_guess``, until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b),
-        max_reference)).
+        max_reference)). Return the field with the number of iterations.
 
         Parameters
         ----------
@@ -73,8 +75,6 @@ class PCG:
             Relative residual at which the solve ends [-].
         limit : int
             Maximum number of iterations.
-        max_reference : float
-            Upper bound of the reference that residuals are compared with.
         warm_start : int
             1 if A, M and x are those that the last solve left: it continues from there with the same reference.
         min_reduction : float
@@ -82,10 +82,9 @@ class PCG:
         max_reduction : float
             It ends in any case where sqrt((r, z)) is this times its first value [-].
         """
-        self.set_initial_residual(max_reference, warm_start)
+        self.set_initial_residual(warm_start)
         self.iterate(limit, tolerance, min_reduction, max_reduction)
-        flush()
-        return self.iterations[None]
+        return self.iterations
 
     @team_stage("iterate")
     def iterate(self, limit: ti.i32, tolerance: ti.f64, min_reduction: ti.f64, max_reduction: ti.f64):
@@ -94,8 +93,7 @@ class PCG:
             self.set_target(limit, tolerance, min_reduction, max_reduction)
             self.vectors.copy(self.z, self.p)
             barrier()
-            flush()
-        while takes_part() and self.unfinished():
+        while takes_part() and unfinished(self.left):
             self.A.multiply(self.p, self.q)
             self.vectors.dot(self.p, self.q, self.pq)
             self.compute_alpha()
@@ -106,40 +104,38 @@ class PCG:
             self.vectors.xpby(self.z, self.beta, self.p)  # p <- z + beta p
             barrier()
 
-    @ti.pyfunc
-    def unfinished(self):
-        """Whether another iteration is wanted."""
-        flush(self.left)
-        return self.left[None] > 0
-
     @stage("find alpha")
     def compute_alpha(self):
-        """alpha = (r, z)/(p, A p); 0 where the matrix turns out not to be positive definite."""
+        """alpha = (r, z)/(p, A p); 0 where the matrix turns out not to be positive definite, and in an iteration after
+        the end, as a GPU may add one."""
         if leads():
             self.alpha[None] = 0.0
-            if not (ti.abs(self.pq[None]) < HUGE):
-                self.status[None] = BROKEN
-            elif self.pq[None] <= 0.0:
-                self.status[None] = INDEFINITE
-            else:
-                self.alpha[None] = self.rz[None] / self.pq[None]
+            if self.left[None] > 0:
+                if not (ti.abs(self.pq[None]) < HUGE):
+                    self.status[None] = BROKEN
+                elif self.pq[None] <= 0.0:
+                    self.status[None] = INDEFINITE
+                else:
+                    self.alpha[None] = self.rz[None] / self.pq[None]
         wait()
 
     @stage("find beta")
     def compute_beta(self):
         """beta = (r, z) new/old; the end of an iteration."""
         if leads():
-            if self.status[None] == RUNNING:
+            if self.left[None] > 0 and self.status[None] == RUNNING:
                 self.iterations[None] += 1
+                self.left[None] -= 1
                 self.beta[None] = self.rz_new[None] / self.rz[None]
                 self.rz[None] = self.rz_new[None]
                 self.check_convergence()
-            self.left[None] = self.left[None] - 1 if self.status[None] == RUNNING else 0
+            if self.status[None] != RUNNING:
+                self.left[None] = 0
         wait()
 
     # ---- initial residual -----------------------------------------------------------------------------------
     @sequence("start")
-    def set_initial_residual(self, max_reference: ti.f64, warm_start: ti.i32):
+    def set_initial_residual(self, warm_start: ti.i32):
         """Do line 1 of the algorithm: r = b - A x and z = M^-1 r, and the reference, min((b, M^-1 b),
         max_reference)."""
         if warm_start != 0:
@@ -149,7 +145,7 @@ class PCG:
         for part in range(warm_start, 2):  # r is first the right-hand side, then the residual
             self.precondition()
             if part == 0:
-                self.subtract_product(max_reference)
+                self.subtract_product()
 
     @team_stage("precondition")
     def precondition(self):
@@ -166,11 +162,11 @@ class PCG:
         wait()
 
     @stage("residual")
-    def subtract_product(self, max_reference: ti.f64):
+    def subtract_product(self):
         """r = b - q, with q = A x, and store x and r at which the solve begins. The reference is (b, M^-1 b), at most
         ``max_reference``."""
         if leads():
-            self.reference[None] = ti.min(self.rz[None], max_reference)
+            self.reference[None] = ti.min(self.rz[None], self.max_reference[None])
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
             self.r[i] = self.vectors.masked(i, self.b[i] - self.q[i])
             self.first_x[i], self.first_r[i] = self.x[i], self.r[i]

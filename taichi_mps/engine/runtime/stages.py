@@ -12,7 +12,7 @@ where they must be woken, to read a number from Python 7: more than the arithmet
 
 On a GPU each loop is started by itself, and before it one thread is, to read how long it is. A ``@loop_stage`` spares
 that: its loop is divided among as many threads as there are rows. A ``@block_stage`` is started once, with all its
-loops. On Quadrants a kernel is a graph, started at once, and ``flush(left)`` repeats one without asking Python.
+loops. On Quadrants a kernel is a graph, started at once, and a loop while ``unfinished(left)`` is a part of it.
 
 A method becomes a stage by a decorator:
 
@@ -69,7 +69,6 @@ class Call:
 def kernel_of(calls, alone: bool, team: ThreadTeam | None):
     """Make a kernel of calls in order: executed by a team, for ``whole`` rows; ``whole`` times by one thread if
     ``alone``; else by all threads."""
-    spread = spread_of(calls)
 
     @graph_kernel
     def run(whole: ti.i32, a: ti.f64, b: ti.f64, c: ti.f64, d: ti.f64, e: ti.f64, f: ti.f64, g: ti.f64, h: ti.f64):
@@ -89,41 +88,60 @@ def kernel_of(calls, alone: bool, team: ThreadTeam | None):
                 for call in ti.static(calls):
                     call(iteration, numbers)
         else:
-            spread(numbers)
+            spread(calls, numbers)
 
     return run
 
 
-def device_loop_of(calls, left):
-    """Make a kernel that repeats calls without numbers until the field ``left`` is 0, which they count down."""
-    spread = spread_of(calls)
+class DeviceLoop:
+    """Calls without numbers, as a stage that a GPU repeats by itself until the field ``left`` is 0, once at least."""
+
+    kind, kinds = "device loop", ()
+
+    def __init__(self, calls, left):
+        self.calls, self.left = calls, left
+
+
+def looping_kernel_of(calls):
+    """Make a kernel of calls in order, device loops among them, for all threads; ``again``: whether a loop goes on."""
 
     @graph_kernel
-    def run(again: ti.types.ndarray(ti.i32, ndim=0)):
-        again[None] = 1
-        while ti.graph.do_while(again):
-            spread(())
-            again[None] = left[None]
+    def run(
+        again: ti.types.ndarray(ti.i32, ndim=0),
+        a: ti.f64,
+        b: ti.f64,
+        c: ti.f64,
+        d: ti.f64,
+        e: ti.f64,
+        f: ti.f64,
+        g: ti.f64,
+        h: ti.f64,
+    ):
+        numbers = ti.static((a, b, c, d, e, f, g, h))
+        for call in ti.static(calls):
+            if ti.static(call.stage.kind == "device loop"):
+                again[None] = 1
+                while ti.graph.do_while(again):
+                    spread(call.stage.calls, ())
+                    again[None] = call.stage.left[None]
+            else:
+                spread([call], numbers)
 
     return run
 
 
-def spread_of(calls):
-    """Make kernel code of calls whose loops all threads divide among them."""
-
-    @ti.func
-    def spread(numbers: ti.template()):
-        for call in ti.static(calls):
-            if ti.static(bool(call.gpu_threads)):
-                ti.loop_config(block_dim=call.gpu_threads.in_a_block)
-                for thread in range(call.gpu_threads.size):
-                    enter(call.gpu_threads, thread)
-                    call(0, numbers)
-            else:
-                enter(None, 0)
+@ti.func
+def spread(calls: ti.template(), numbers: ti.template()):
+    """Execute calls in order; all threads divide the loops of each among them."""
+    for call in ti.static(calls):
+        if ti.static(bool(call.gpu_threads)):
+            ti.loop_config(block_dim=call.gpu_threads.in_a_block)
+            for thread in range(call.gpu_threads.size):
+                enter(call.gpu_threads, thread)
                 call(0, numbers)
-
-    return spread
+        else:
+            enter(None, 0)
+            call(0, numbers)
 
 
 class Execution:
@@ -136,8 +154,9 @@ class Execution:
         self._again = ti.ndarray(ti.i32, ()) if gpu and HAS_DEVICE_LOOPS else None  # whether a loop goes on
         self._gpu_threads = gpu | ({"block": Block()} if started()["arch"] == "cuda" else {})
         self.spent: dict[str, list] = {}  # wall seconds and calls of each stage, or iterations of a solve
-        self._kernels: dict = {}  # by the keys of their calls
+        self._kernels: dict = {}  # by the keys of their calls, device loops as well
         self._waiting: list[tuple] = []  # stages and arguments of the next kernel
+        self._before_loop: list[tuple] | None = None  # what waits before a device loop whose stages are being queued
         self._timing = False
 
     @contextmanager
@@ -149,7 +168,7 @@ class Execution:
             yield self
             self.flush()
         finally:
-            self._waiting = []
+            self._waiting, self._before_loop = [], None
             _current = before
 
     def launch(self, stage, arguments):
@@ -169,26 +188,33 @@ class Execution:
         ti.sync()
         entry = self.spent.setdefault(stage.name, [0.0, 0])
         entry[0] += time.perf_counter() - begin
-        entry[1] += result if isinstance(result, int) else 1
+        entry[1] += result[None] if isinstance(result, ti.Field) else 1
         return result
 
-    def flush(self, times: int = 1, left=None):
-        """Launch the queued stages ``times`` times, in several kernels where one would have too many arguments. With a
-        field ``left`` a GPU that can repeats them until it is 0."""
+    def flush(self, times: int = 1):
+        """Launch the queued stages ``times`` times, in several kernels where one would have too many arguments."""
+        if self._before_loop is not None:
+            raise RuntimeError("a loop of the GPU itself: Python can read nothing in it")
         calls, self._waiting = self._waiting, []
-        if calls and left is not None and self._again is not None:
-            return self._launch_device_loop(calls, left)
         while calls:
             with less_optimised(self.fuses and self.rows < OPTIMISED_FROM_ROWS):
                 calls = self._launch_kernel(calls, times, self.fuses)
 
-    def _launch_device_loop(self, calls, left) -> None:
-        """Launch stages without numbers as a loop of the GPU itself."""
+    def unfinished(self, left) -> bool:
+        """Whether the stages that follow are wanted. A device loop begins at the first look, ends at the second."""
+        if self._again is None or self.timed:
+            self.flush()
+            return left[None] > 0
+        if self._before_loop is None:
+            self._before_loop, self._waiting = self._waiting, []
+            return True
+        calls, self._waiting, self._before_loop = self._waiting, self._before_loop, None
         key = (id(left), *((id(stage), *map(identity, arguments)) for stage, arguments in calls))
         if key not in self._kernels:
             made = [Call(self._gpu_threads, *call, [None] * len(call[1])) for call in calls]
-            self._kernels[key] = device_loop_of(made, left)
-        self._kernels[key](self._again)
+            self._kernels[key] = DeviceLoop(made, left)
+        self._waiting.append((self._kernels[key], ()))
+        return False
 
     def launch_team(self, stage, arguments):
         """Launch a stage for a team of all threads; on a GPU part by part."""
@@ -226,9 +252,12 @@ class Execution:
         left = calls[len(made) :]
         if not made or (left and alone and whole > 1):
             raise ValueError(f"stage {left[0][0].name}: more than {MAX_NUMBERS} numbers for one kernel")
+        loops = any(stage.kind == "device loop" for stage, *_ in made)
         if key not in self._kernels:
-            self._kernels[key] = kernel_of([Call(self._gpu_threads, *call) for call in made], alone, team)
-        self._kernels[key](whole, *map(float, numbers), *[0.0] * (MAX_NUMBERS - len(numbers)))
+            parts = [Call(self._gpu_threads, *call) for call in made]
+            self._kernels[key] = looping_kernel_of(parts) if loops else kernel_of(parts, alone, team)
+        first = self._again if loops else whole
+        self._kernels[key](first, *map(float, numbers), *[0.0] * (MAX_NUMBERS - len(numbers)))
         return left
 
 
@@ -241,11 +270,25 @@ _current: Execution | None = None
 
 
 @for_kernels
-def flush(left=None) -> None:
-    """Launch the queued stages before Python reads a field; no effect inside a kernel. ``left``: a 0-D field that these
-    stages count down to 0; where a GPU can, it repeats them until then without asking Python."""
+def flush() -> None:
+    """Launch the queued stages before Python reads a field; no effect inside a kernel."""
     if _current and not ti.lang.impl.inside_kernel():
-        _current.flush(left=left)
+        _current.flush()
+
+
+@ti.func
+def _is_positive(number: ti.template()):
+    return number[None] > 0
+
+
+@for_kernels
+def unfinished(left):
+    """Whether the stages that follow are wanted, as ``while unfinished(left)``: while the 0-D field ``left``, which
+    they count down, is positive. A GPU that can repeats them until then without asking Python, and executes them once
+    where it is 0 at the start: they must change nothing then."""
+    if ti.lang.impl.inside_kernel():
+        return _is_positive(left)
+    return _current.unfinished(left) if _current else left[None] > 0
 
 
 def repeat(times: int):

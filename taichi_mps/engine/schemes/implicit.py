@@ -190,7 +190,7 @@ class ImplicitScheme(Scheme):
         """Iteration k of the augmented Lagrangian (Uzawa), of so many."""
         self.source.evaluate(self.velocity.solver)
         self.contacts.load(self.velocity.solver.b)
-        self.velocity.solve(k, iterations, self.numerics.tolerance)
+        self.velocity.solve(k, iterations, self.numerics.tolerance, self.constants.early)
         self.update_multipliers(k, viscous, u)
         if self.assembles_again:
             self.assemble(dt)

@@ -133,6 +133,7 @@ class Constants:
         }
         self.step_ratio = 0.0  # step over the longest of a flow that does not vary slowly, at least 1: of mu_r, K
         self.set_time_step(rule.longest)
+        self.early = self.early_max_reduction[None]  # for Python, as the field holds it
 
     def deferred_fraction(self, dt: float) -> float:
         """Fraction of the hourglass resistance that deferred correction removes in a step of dt [s]: all of it where

@@ -12,8 +12,8 @@ from ..linear.node_multigrid import NodeMultigrid
 from ..linear.pcg import PCG
 from ..linear.vectors import Jacobi
 from ..particles.particles import FLUID
-from ..runtime.backend import double_field, real, ti
-from ..runtime.stages import flush, loop_stage, no_op, sequence, stage
+from ..runtime.backend import real, ti
+from ..runtime.stages import loop_stage, no_op, sequence, stage
 from ..runtime.sums import sum_threads
 from ..runtime.thread_team import first, last, wait
 from .constants import Term
@@ -42,7 +42,6 @@ class MomentumOperator(Term):
         self.inertia = ti.field(real(), self.capacity)  # rho/dt [kg/(m3 s)]
         # block Jacobi [s/kg], 0: no unknown; and inertia and walls, for coarse levels [kg/s]
         self.inverse_diagonal, self.local = (ti.Matrix.field(d, d, real(), self.capacity) for _ in range(2))
-        self.reference = double_field()  # f . M^-1 f over all particles [W]
         self.threads = sum_threads()
         self.block = BLOCK if self.threads == 1 else 1
 
@@ -154,9 +153,9 @@ class MomentumOperator(Term):
                 self.inverse_diagonal[i] = A.inverse()
 
     @stage("system")
-    def set_reference(self):
-        """Set the norm that the residual of the solve is compared with."""
-        self.reference[None] = 0.0
+    def set_reference(self, reference: ti.template()):
+        """Set the norm that the residual of the solve is compared with: f . M^-1 f over all particles [W]."""
+        reference[None] = 0.0
         ti.loop_config(serialize=self.threads == 1)
         for thread in range(self.threads):
             total = ti.cast(0.0, ti.f64)
@@ -164,7 +163,7 @@ class MomentumOperator(Term):
                 i = thread + k * self.threads
                 force = self.constants.reference_force[None] * self.particles.volume(i)
                 total += ti.cast(self.inverse_diagonal[i].trace() * force**2, ti.f64)
-            self.reference[None] += total / self.dimension
+            reference[None] += total / self.dimension
 
     @ti.func
     def _response(self, j, b):
@@ -308,22 +307,26 @@ class VelocitySolve:
     def prepare(self) -> None:
         """Build the preconditioner of the present operator, and set the reference of the residuals."""
         self.solver.M.build()
-        self.operator.set_reference()
+        self.operator.set_reference(self.solver.max_reference)
 
     @sequence("solve")
-    def solve(self, k: ti.i32, iterations: ti.i32, tolerance: ti.f64):
-        """Solve for the velocity with the present right-hand side, in iteration k of a step."""
+    def solve(self, k: ti.i32, iterations: ti.i32, tolerance: ti.f64, early_max_reduction: ti.f64):
+        """Solve for the velocity with the present right-hand side, in iteration k of a step. Return the field with the
+        number of iterations of the solve."""
         warm_start, min_reduction, max_reduction = 0, REDUCTION, 0.0
-        flush()
         if k + 1 < iterations:
             tolerance, min_reduction = EARLY_TOLERANCE * tolerance, EARLY_REDUCTION
-            max_reduction = self.constants.early_max_reduction[None]
+            max_reduction = early_max_reduction
         if ti.static(self.continues):
             warm_start = min(k, 1)
         else:
             self.solver.multiply_guess()
-        self.solver.solve(
-            tolerance, MAX_ITERATIONS, self.operator.reference[None], warm_start, min_reduction, max_reduction
-        )
-        self.iterations[None] = self.solver.iterations[None] + (self.iterations[None] if k > 0 else 0)
-        return self.solver.iterations[None]
+        self.solver.solve(tolerance, MAX_ITERATIONS, warm_start, min_reduction, max_reduction)
+        self.count_iterations(k)
+        return self.solver.iterations
+
+    @stage("solve")
+    def count_iterations(self, k: ti.i32):
+        """Add the iterations of the solve in iteration k to those of the step."""
+        so_far = self.iterations[None] if k > 0 else 0
+        self.iterations[None] = so_far + self.solver.iterations[None]

@@ -9,7 +9,7 @@ A_ii = sum w, A_ij = -w, b = (lambda n0/(2 d)) (rho/dt^2) (n* - n0)/n0. Eq 19 ha
 sets them to zero (S2; Koshizuka, Nobe, Oka, International Journal for Numerical Methods in Fluids 26 (1998), 751-769).
 """
 
-from ..linear.pcg import HUGE, PCG
+from ..linear.pcg import PCG
 from ..linear.vectors import SparseMatrix
 from ..particles.particles import DUMMY, FLUID
 from ..runtime.backend import ti
@@ -52,7 +52,7 @@ class PressurePoisson(Term):
         self.balance(self.solver.b)
         flush()
         self.solver.multiply_guess()
-        self.solver.solve(tolerance, MAX_ITERATIONS, HUGE, 0, 1.0, 0.0)
+        self.solver.solve(tolerance, MAX_ITERATIONS, 0, 1.0, 0.0)
         self.store(self.solver.x)
 
     @ti.func
