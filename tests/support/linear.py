@@ -87,7 +87,6 @@ def solve(operator, b, components=1, tolerance=1e-10, x=0.0, preconditioner=None
     given = {"limit": 1000, "most": HUGE, "again": 0, "reduction": 1.0, "enough": 0.0} | options
     solver.max_reference[None] = given.pop("most")
     with execution.active():
-        solver.multiply_guess()
         solver.solve(tolerance, *given.values())
     status, iterations = STATUS[solver.status[None]], solver.iterations[None]
     residual = np.sqrt(abs(solver.rz[None]) / (abs(solver.reference[None]) or 1.0))

@@ -18,6 +18,7 @@ REDUCTION_FLOOR = 1e-4  # part of the norm that the tolerance is compared with, 
 RUNNING, CONVERGED, INDEFINITE, BROKEN = range(4)
 STATUS = "limit", "converged", "indefinite", "broken"  # how a solve ended; indefinite: (p, A p) <= 0 or (r, z) < 0
 FAILED = "indefinite", "broken"
+GUESS, GUESSED, CONTINUED = range(3)  # where iterations begin: at zero, along the guess; at the guess; at the last x
 
 
 @ti.data_oriented
@@ -50,13 +51,9 @@ class PCG:
         self.status = ti.field(ti.i32, ())
         self.iterations = ti.field(ti.i32, ())
         self.left = ti.field(ti.i32, ())  # iterations that may still follow
+        self.start = ti.field(ti.i32, ())  # GUESS, GUESSED or CONTINUED
 
     # ---- the solve ------------------------------------------------------------------------------------------
-    @team_stage("guess")
-    def multiply_guess(self):
-        """q = A x of the initial guess; called after x is set and before ``solve``, unless it is a ``warm_start``."""
-        self.A.multiply(self.x, self.q)
-
     @sequence("solve")
     def solve(
         self,
@@ -66,8 +63,8 @@ class PCG:
         min_reduction: ti.f64,
         max_reduction: ti.f64,
     ):
-        """Iterate from the guess x, after ``multiply_guess``, until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b),
-        max_reference)). Return the field with the number of iterations.
+        """Iterate from the guess x until sqrt((r, z)) <= tolerance sqrt(min((b, M^-1 b), max_reference)). Return the
+        field with the number of iterations. From zero the first step is to the guess: one loop has all products.
 
         Parameters
         ----------
@@ -82,8 +79,9 @@ class PCG:
         max_reduction : float
             It ends in any case where sqrt((r, z)) is this times its first value [-].
         """
-        self.set_initial_residual(warm_start)
-        self.iterate(limit, tolerance, min_reduction, max_reduction)
+        self.begin(warm_start)
+        for _ in range(warm_start, 2):  # to the guess, and from it
+            self.iterate(limit, tolerance, min_reduction, max_reduction)
         return self.iterations
 
     @team_stage("iterate")
@@ -91,7 +89,7 @@ class PCG:
         """Run Saad's algorithm 9.1 from line 2 on; a thread that joins late continues with the iterations."""
         if begins():
             self.set_target(limit, tolerance, min_reduction, max_reduction)
-            self.vectors.copy(self.z, self.p)
+            self.set_direction()
             barrier()
         while takes_part() and unfinished(self.left):
             self.A.multiply(self.p, self.q)
@@ -106,11 +104,11 @@ class PCG:
 
     @stage("find alpha")
     def compute_alpha(self):
-        """alpha = (r, z)/(p, A p); 0 where the matrix turns out not to be positive definite, and in an iteration after
-        the end, as a GPU may add one."""
+        """alpha = (r, z)/(p, A p), and 1 to the guess; 0 where the matrix turns out not to be positive definite, and in
+        an iteration after the end, as a GPU may add one."""
         if leads():
-            self.alpha[None] = 0.0
-            if self.left[None] > 0:
+            self.alpha[None] = 1.0 if self.start[None] == GUESS else 0.0
+            if self.left[None] > 0 and self.start[None] != GUESS:
                 if not (ti.abs(self.pq[None]) < HUGE):
                     self.status[None] = BROKEN
                 elif self.pq[None] <= 0.0:
@@ -123,7 +121,9 @@ class PCG:
     def compute_beta(self):
         """beta = (r, z) new/old; the end of an iteration."""
         if leads():
-            if self.left[None] > 0 and self.status[None] == RUNNING:
+            if self.start[None] == GUESS:
+                self.rz[None], self.beta[None], self.left[None], self.start[None] = self.rz_new[None], 0.0, 0, GUESSED
+            elif self.left[None] > 0 and self.status[None] == RUNNING:
                 self.iterations[None] += 1
                 self.left[None] -= 1
                 self.beta[None] = self.rz_new[None] / self.rz[None]
@@ -133,46 +133,39 @@ class PCG:
                 self.left[None] = 0
         wait()
 
-    # ---- initial residual -----------------------------------------------------------------------------------
-    @sequence("start")
-    def set_initial_residual(self, warm_start: ti.i32):
-        """Do line 1 of the algorithm: r = b - A x and z = M^-1 r, and the reference, min((b, M^-1 b),
-        max_reference)."""
+    # ---- start ----------------------------------------------------------------------------------------------
+    @team_stage("start")
+    def begin(self, warm_start: ti.i32):
+        """Set x and r at which iterations begin, z = M^-1 r, and (r, z)."""
         if warm_start != 0:
             self.continue_last()
         else:
-            self.copy_right_hand_side()
-        for part in range(warm_start, 2):  # r is first the right-hand side, then the residual
-            self.precondition()
-            if part == 0:
-                self.subtract_product()
-
-    @team_stage("precondition")
-    def precondition(self):
-        """z = M^-1 r, and (r, z)."""
+            self.start_from_zero()
         self.M.apply(self.r, self.z)
         self.vectors.dot(self.r, self.z, self.rz)
 
-    @loop_stage("right-hand side")
-    def copy_right_hand_side(self):
-        """Set the residual to the right-hand side: r = b."""
+    @stage("right-hand side")
+    def start_from_zero(self):
+        """Set x = 0, so that r = b, and p to the guess."""
+        if leads():
+            self.start[None] = GUESS
         for i in range(first(self.A.count[None]), last(self.A.count[None])):
             self.r[i] = self.vectors.masked(i, self.b[i])
             self.last_b[i] = self.b[i]
+            self.p[i], self.x[i] = self.x[i], ti.zero(self.x[i])
         wait()
 
-    @stage("residual")
-    def subtract_product(self):
-        """r = b - q, with q = A x, and store x and r at which the solve begins. The reference is (b, M^-1 b), at most
-        ``max_reference``."""
-        if leads():
-            self.reference[None] = ti.min(self.rz[None], self.max_reference[None])
-        for i in range(first(self.A.count[None]), last(self.A.count[None])):
-            self.r[i] = self.vectors.masked(i, self.b[i] - self.q[i])
-            self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
+    @loop_stage("direction")
+    def set_direction(self):
+        """Set p = z, and store x and r at which a solve begins with the guess; p is the guess already before that."""
+        n = self.A.count[None] if self.start[None] != GUESS else 0
+        for i in range(first(n), last(n)):
+            self.p[i] = self.z[i]
+            if self.start[None] == GUESSED:
+                self.first_x[i], self.first_r[i] = self.x[i], self.r[i]
         wait()
 
-    @team_stage("go on")
+    @sequence("go on")
     def continue_last(self):
         """Set r of the last x and the present b; then move x and r to the best point along the last change of x
         (Fischer's projection onto a single vector)."""
@@ -197,6 +190,7 @@ class PCG:
     def compute_best_step(self):
         """alpha = (p, r)/(p, A p), 0 to 1: A p of a tiny change is rounding, and must not be blown up."""
         if leads():
+            self.start[None] = CONTINUED
             best = self.rz[None] / self.pq[None] if self.pq[None] > 0.0 else 0.0
             self.alpha[None] = ti.max(0.0, ti.min(1.0, best))
         wait()
@@ -204,19 +198,22 @@ class PCG:
     # ---- stopping criterion ---------------------------------------------------------------------------------
     @stage("set target")
     def set_target(self, limit: ti.i32, tolerance: ti.f64, min_reduction: ti.f64, max_reduction: ti.f64):
-        """Set the value of (r, z) at which the solve ends."""
+        """Set the value of (r, z) at which the solve ends; before the step to the guess, their reference."""
         if leads():
             self.status[None], self.iterations[None] = RUNNING, 0
-            if self.reference[None] == 0.0:
-                self.reference[None] = self.rz[None]
-            # of less, as of dry grains at rest, products would underflow
-            start, norm = ti.abs(self.rz[None]), ti.max(ti.abs(self.reference[None]), 1e-40)
-            least = ti.max(min_reduction * min_reduction * start, REDUCTION_FLOOR * REDUCTION_FLOOR * norm)
-            self.target[None] = ti.max(
-                ti.min(tolerance * tolerance * norm, least), max_reduction * max_reduction * start
-            )
-            self.check_convergence()
-            self.left[None] = limit if self.status[None] == RUNNING else 0
+            if self.start[None] == GUESS:  # r is b
+                self.reference[None], self.left[None] = ti.min(self.rz[None], self.max_reference[None]), 1
+            else:
+                if self.reference[None] == 0.0:
+                    self.reference[None] = self.rz[None]
+                # of less, as of dry grains at rest, products would underflow
+                start, norm = ti.abs(self.rz[None]), ti.max(ti.abs(self.reference[None]), 1e-40)
+                least = ti.max(min_reduction * min_reduction * start, REDUCTION_FLOOR * REDUCTION_FLOOR * norm)
+                self.target[None] = ti.max(
+                    ti.min(tolerance * tolerance * norm, least), max_reduction * max_reduction * start
+                )
+                self.check_convergence()
+                self.left[None] = limit if self.status[None] == RUNNING else 0
         wait()
 
     @ti.func

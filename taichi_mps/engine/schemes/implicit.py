@@ -134,7 +134,6 @@ class ImplicitScheme(Scheme):
         self.assemble(dt)
         self.motion.guess(dt, u)
         self.rigid.project(u)
-        self.velocity.multiply_guess()
         if self.numerics.outer_tolerance:
             iterations = self.iterate_until_met(iterations, dt, viscous, u)
         else:

@@ -299,11 +299,6 @@ class VelocitySolve:
         self.velocity = self.solver.x  # [m/s]
         self.iterations = ti.field(ti.i32, ())  # of all solves of a step
 
-    def multiply_guess(self) -> None:
-        """Multiply the present velocity, the initial guess of the first solve of a step, by the operator."""
-        if self.continues:
-            self.solver.multiply_guess()
-
     def prepare(self) -> None:
         """Build the preconditioner of the present operator, and set the reference of the residuals."""
         self.solver.M.build()
@@ -319,8 +314,6 @@ class VelocitySolve:
             max_reduction = early_max_reduction
         if ti.static(self.continues):
             warm_start = min(k, 1)
-        else:
-            self.solver.multiply_guess()
         self.solver.solve(tolerance, MAX_ITERATIONS, warm_start, min_reduction, max_reduction)
         self.count_iterations(k)
         return self.solver.iterations

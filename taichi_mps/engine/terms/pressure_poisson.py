@@ -51,7 +51,6 @@ class PressurePoisson(Term):
         self.assemble(dt, self.solver.b, self.solver.x)
         self.balance(self.solver.b)
         flush()
-        self.solver.multiply_guess()
         self.solver.solve(tolerance, MAX_ITERATIONS, 0, 1.0, 0.0)
         self.store(self.solver.x)
 
