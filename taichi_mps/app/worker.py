@@ -50,7 +50,7 @@ def preview_models(test: str, values: dict) -> list[Scene]:
         key: text for key, text in values.items() if key in parameters.model_fields and key not in PREVIEW_MODELS[test]
     }
     given |= {key: text for key, text in PREVIEW_MODELS[test].items() if text is not None}
-    if "model" not in PREVIEW_MODELS[test]:
+    if PREVIEW_MODELS[test].get("model") != "axisymmetric":
         return [catalogue.build(test, **given)]
     valid, scenes = parameters(**given), []
     soft = (valid.yield_value or 0.0) < SOFT * valid.density * accuracy.GRAVITY * valid.height
@@ -116,6 +116,7 @@ class Film:
             "periodic": any(scene.periodic),
             "tilt": scene.parameters.get("angle", 0.0),
             "mould": [line[:, [0, -1]].tolist() for line in scene.outline[:2]] if scene.axisymmetric else [],
+            "walls": [face[:2, ::2].tolist() for face in scene.vessel if len(np.unique(face, axis=0)) == 2],
         }
 
     def result(self) -> dict:

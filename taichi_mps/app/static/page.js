@@ -238,7 +238,8 @@ async function preview() {
         const known = Object.keys(errors).length ? "± by the measured errors of such a preview" : "no accuracy data";
         const size = `particles of ${Number((1000 * spacing).toPrecision(3))} mm`;
         const end = {rest: "", time: ", still moving", diverged: ", which this preview cannot follow to its end"}[ended] ?? "";
-        numbers(m, errors, `Preview, a section with ${size}${end}; ${known}.${last ? "" : " It is being refined."}`);
+        const section = test().preview.model === "plane" ? "a section without side walls, with" : "a section with";
+        numbers(m, errors, `Preview, ${section} ${size}${end}; ${known}.${last ? "" : " It is being refined."}`);
       }
     }
   } catch (error) {
