@@ -150,8 +150,8 @@ def preview(request: dict, tell, cancelled) -> None:
 # ---- forecasts -----------------------------------------------------------------------------------------------
 def forecast(words: list[str]) -> dict:
     """Forecast of a run from its command line: whether it is in ``space``, its ``seconds``, ``lines`` of text,
-    ``remarks`` on how it was read, the measures by the ``table``, and of a test without preview the body at the
-    ``beginning``; or, if it cannot be computed, its errors by key in ``wrong``."""
+    ``remarks`` on how it was read, the measures by the ``table``, and the body at the ``beginning``; or, if it cannot
+    be computed, its errors by key in ``wrong``."""
     messages = io.StringIO()
     try:
         with warnings.catch_warnings(record=True) as warned, redirect_stderr(messages):
@@ -169,7 +169,7 @@ def forecast(words: list[str]) -> dict:
         "lines": describe_run(problem, clock),
         "remarks": [in_words(key := leading_key(line)) + line[len(key) :] for line in remarks],
         "table": measures_by_table(problem.scene),
-        "beginning": None if words[0] in PREVIEW_MODELS else beginning(problem.scene),
+        "beginning": beginning(problem.scene),
     }
 
 

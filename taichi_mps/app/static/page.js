@@ -178,17 +178,18 @@ async function forecast() {
   button();
   if (known.wrong && state.mode === "preview") numbers({}, {}, "");
   else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, test().preview ? "Estimate; preview is coming." : "Estimate; this test has no preview.");
-  if (test().preview || known.wrong) return;
-  const before = state.changed ? null : ((await ask("list")).runs || []).find((run) => run.scene === test().name && run.whole && run.report);
+  if (known.wrong || (test().preview && stage.frames.length)) return;
+  const before = state.changed || test().preview ? null : ((await ask("list")).runs || []).find((run) => run.scene === test().name && run.whole && run.report);
   if (number !== checking) return;
   if (before && state.mode === "preview") {
     numbers(before.numbers, before.errors, `Last run of this test, ${before.name}: ${before.mix}; ${before.end}`, before.verdict);
     await body.report(before.report);
-  } else if (known.beginning && state.mode === "preview") {
+  } else if (known.beginning && (!test().preview || known.beginning.dimension === 3) && state.mode === "preview") {
     delete by("stage").dataset.old;
     await body.show(known.beginning, "before it flows, to scale");
     if (number !== checking) return;
-    if (!known.table) numbers({}, {}, `This test has no preview. ${known.lines?.[1] || ""}`);
+    if (test().preview && stage.frames.length) return body.hide();  // which was sooner
+    if (!known.table && !test().preview) numbers({}, {}, `This test has no preview. ${known.lines?.[1] || ""}`);
   } else if (state.mode === "preview") body.hide();
   by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
 }
@@ -226,7 +227,7 @@ async function preview() {
       if (part.wrong) source("");
       if (part.stage) stage.begin(part.stage), delete by("stage").dataset.old;
       if (part.t !== undefined) {
-        if (!stage.frames.length) by("stage").dataset.first = Math.round(performance.now() - start);
+        if (!stage.frames.length) body.hide(), by("stage").dataset.first = Math.round(performance.now() - start);
         stage.add(part);
       }
       if (part.result) {

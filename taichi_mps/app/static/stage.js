@@ -1,8 +1,8 @@
 // The section of the concrete as it sinks: particles as one smooth body, ruler and dimensions on the plane of the
 // section, the mould dashed. A finger, a mouse or the arrow keys read the height.
 
-const REACH = 2.5; // of a particle's weight over the spacing; with less rows of particles show
-const PEAK = 45; // of its weight, in levels of 255
+const REACH = 3; // of a particle's weight over the spacing; with less rows of particles show
+const PEAK = 31; // of its weight, in levels of 255
 const LONGEST = 4; // [s] that a film takes; a longer one is shown faster, and says so
 
 function weight(q) {
@@ -14,7 +14,7 @@ const LEVEL = (() => {
   let sum = 0;
   for (const aside of [0, 0.25, 0.5])
     for (let row = 0; row < 4; row++)
-      for (let k = -3; k <= 3; k++) sum += weight(Math.hypot(k + aside, row + 0.5) / REACH);
+      for (let k = -4; k <= 4; k++) sum += weight(Math.hypot(k + aside, row + 0.5) / REACH);
   return (PEAK * sum) / 3;
 })();
 
