@@ -337,7 +337,7 @@ function follow(job) {
   const about = job.left === null ? job.about : job.spent + job.left;
   const spent = `${Math.round(job.spent)} s${about ? ` of about ${inTime(Math.max(about, job.spent))}` : ""}`;
   const now = job.flow === null ? "Compiling …" : `the concrete at ${job.flow.toFixed(2)} s. ${job.result}`;
-  const where = job.stopping ? `Stopping ${job.flow === null ? "when this kernel is compiled" : "after this step"} …` : now;
+  const where = job.stopping ? `Stopping ${job.flow === null ? "once compiled" : "after this step"} …` : now;
   if (!["done", "stopped", "failed"].includes(job.state)) {
     by("status").textContent = waits ? `${job.title}: waits until the one before is done` : `${spent}: ${where}`;
     by("bar").firstElementChild.style.width = `${100 * Math.min(1, about ? job.spent / about : 0)}%`;
