@@ -19,6 +19,9 @@ PREVIEW_MODELS = {  # {test with a preview: {keyword: value in the preview, None
     "mini_cone": dict.fromkeys(("spacing", "lift_speed")) | {"model": "axisymmetric"},
     "film": {},
     "dam_break": {},
+    "still_pool": {},
+    "l_flow": dict.fromkeys(("spacing", "width", "sides")) | {"model": "plane"},
+    "lcpc_box": dict.fromkeys(("spacing", "width", "sides")) | {"model": "plane"},
 }
 
 
@@ -28,12 +31,12 @@ def wrong(error: Exception) -> dict[str, str]:
 
 
 def tests() -> list[dict]:
-    """List of all tests: name, description, whether it has a preview, and fields by scheme; slump first."""
+    """List of all tests: name, description, keywords of its preview or None, fields by scheme; slump first."""
     entries = []
     for name, text in sorted(catalogue.describe().items(), key=lambda item: item[0] != "slump"):
         function = catalogue.load(name)
         fields = {scheme: fields_of(keywords(function, numerics)) for scheme, numerics in NUMERICS.items()}
-        entries.append({"name": name, "help": text, "preview": name in PREVIEW_MODELS, "fields": fields})
+        entries.append({"name": name, "help": text, "preview": PREVIEW_MODELS.get(name), "fields": fields})
     return entries
 
 

@@ -50,7 +50,7 @@ def preview_models(test: str, values: dict) -> list[Scene]:
         key: text for key, text in values.items() if key in parameters.model_fields and key not in PREVIEW_MODELS[test]
     }
     given |= {key: text for key, text in PREVIEW_MODELS[test].items() if text is not None}
-    if "model" not in PREVIEW_MODELS[test]:
+    if PREVIEW_MODELS[test].get("model") != "axisymmetric":
         return [catalogue.build(test, **given)]
     valid, scenes = parameters(**given), []
     soft = (valid.yield_value or 0.0) < SOFT * valid.density * accuracy.GRAVITY * valid.height
@@ -116,6 +116,7 @@ class Film:
             "periodic": any(scene.periodic),
             "tilt": scene.parameters.get("angle", 0.0),
             "mould": [line[:, [0, -1]].tolist() for line in scene.outline[:2]] if scene.axisymmetric else [],
+            "walls": [face[:2, ::2].tolist() for face in scene.vessel if len(np.unique(face, axis=0)) == 2],
         }
 
     def result(self) -> dict:
@@ -149,8 +150,8 @@ def preview(request: dict, tell, cancelled) -> None:
 # ---- forecasts -----------------------------------------------------------------------------------------------
 def forecast(words: list[str]) -> dict:
     """Forecast of a run from its command line: whether it is in ``space``, its ``seconds``, ``lines`` of text,
-    ``remarks`` on how it was read, the measures by the ``table``, and of a test without preview the body at the
-    ``beginning``; or, if it cannot be computed, its errors by key in ``wrong``."""
+    ``remarks`` on how it was read, the measures by the ``table``, and the body at the ``beginning``; or, if it cannot
+    be computed, its errors by key in ``wrong``."""
     messages = io.StringIO()
     try:
         with warnings.catch_warnings(record=True) as warned, redirect_stderr(messages):
@@ -168,7 +169,7 @@ def forecast(words: list[str]) -> dict:
         "lines": describe_run(problem, clock),
         "remarks": [in_words(key := leading_key(line)) + line[len(key) :] for line in remarks],
         "table": measures_by_table(problem.scene),
-        "beginning": None if words[0] in PREVIEW_MODELS else beginning(problem.scene),
+        "beginning": beginning(problem.scene),
     }
 
 

@@ -9,8 +9,11 @@ from ..engine import SCALARS, Plane, Snapshot
 from ..units import require
 
 DENSITY_CELL = 0.5  # side of the cells in which the density of rings is computed, over l0
-REACH = 4  # cells within which a ring counts, a normal distribution whose standard deviation is half of its size
-TAUBIN, SMOOTHING_ITERATIONS = (0.5, -0.52), 12  # smoothing that keeps the volume (Taubin, 1995), and its repetitions
+DEVIATION = 0.6  # standard deviation of the normal distribution of a ring, over l0
+REACH = 4  # cells within which a ring counts
+# of a line against bending, to find its edges, then to smooth it between them: waves of 8 l0 keep half of their height
+STIFFNESS = 100.0, 3000.0
+EDGE = 0.01  # second difference of an edge, over l0: a bend of 3 l0 in radius
 SECTORS = 72  # of a solid of revolution
 GRAINS = np.array(
     [(0.80, 0.40, 0.18), (0.22, 0.44, 0.66), (0.36, 0.56, 0.30)]
@@ -151,8 +154,9 @@ def fit_to_mould(scene, part: Snapshot) -> Snapshot:
 
 def contour(s: Snapshot, floor):
     """Contour line in (r, z) at which the smoothed density of rings is a half, half a spacing outside of the outermost
-    ones: points (k, 2) [m], outward unit normals (k, 2) and segments (m, 2), rows of the points."""
-    cell, x, size = DENSITY_CELL * s.spacing, s.x, s.size
+    ones, without the steps of their rows: points (k, 2) [m], outward unit normals (k, 2) and segments (m, 2), rows of
+    the points."""
+    cell, deviation, x, size = DENSITY_CELL * s.spacing, DEVIATION * s.spacing, s.x, s.size
     for axis, plane in ((0, 0.0),) if floor is None else ((0, 0.0), (1, floor)):  # with images behind axis and floor
         near = x[:, axis] < plane + REACH * cell
         image = x[near]
@@ -162,10 +166,11 @@ def contour(s: Snapshot, floor):
     shape = np.ceil((x.max(0) - low) / cell).astype(int) + REACH + 1
     around = np.stack(np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1], -1).reshape(-1, 2)
     at = np.round((x - low) / cell).astype(int)[:, None] + around
-    away = ((low + cell * at - x[:, None]) ** 2).sum(-1) / size[:, None] ** 2
+    away = ((low + cell * at - x[:, None]) ** 2).sum(-1) / deviation**2
     here = np.all((at >= 0) & (at < shape), axis=-1)
     node = np.ravel_multi_index(tuple(at[here].T), shape)
-    density = np.bincount(node, 2.0 / np.pi * np.exp(-2.0 * away[here]), shape.prod())
+    weight = size[:, None] ** 2 / (2.0 * np.pi * deviation**2) * np.exp(-0.5 * away)
+    density = np.bincount(node, weight[here], shape.prod())
     nodes = np.arange(shape.prod()).reshape(shape)
     a, b, c, d = (part.ravel() for part in (nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]))
     triangles = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
@@ -178,21 +183,33 @@ def contour(s: Snapshot, floor):
     keys, parts = np.unique(edges @ [nodes.size, 1], return_inverse=True)
     p, q = np.divmod(keys, nodes.size)
     fraction = ((0.5 - density[p]) / (density[q] - density[p]))[:, None]
-    slope = np.stack(np.gradient(density.reshape(shape)), -1).reshape(-1, 2)
-    normals = slope[p] + fraction * (slope[q] - slope[p])
     place = np.stack(np.unravel_index([p, q], shape), -1)  # (2, k, 2)
-    points = low + cell * (place[0] + fraction * (place[1] - place[0]))
     parts = parts.reshape(-1, 2)
-    points, normals = smooth_line(points, parts, TAUBIN), smooth_line(normals, parts, TAUBIN[:1])
-    return points, -normals / np.linalg.norm(normals, axis=1, keepdims=True), parts
+    parts[count[crossed] == 2] = parts[count[crossed] == 2, ::-1]  # the body lies on the left of each segment
+    points = smooth_line(low + cell * (place[0] + fraction * (place[1] - place[0])), parts, EDGE * s.spacing)
+    normals = np.zeros_like(points)
+    np.add.at(normals, parts, (points[parts[:, 1]] - points[parts[:, 0]])[:, None, ::-1] * (1.0, -1.0))
+    normals[points[:, 0] == 0.0, 0] = 0.0
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), parts
 
 
-def smooth_line(values, parts, fractions):
-    """Smooth values (k, d) at the points of a line with these segments (m, 2): move each value towards the mean of its
-    two neighbours by these fractions of the way in turn, except at the ends of the line."""
-    neighbours = np.bincount(parts.ravel(), minlength=len(values))[:, None]
-    for fraction in SMOOTHING_ITERATIONS * fractions:
-        total = np.zeros_like(values)
-        np.add.at(total, parts, values[parts[:, ::-1]])
-        values = values + fraction * (neighbours == 2) * (0.5 * total - values)
-    return values
+def smooth_line(points, parts, edge):
+    """Smooth the points (k, 2) of a line in (r, z) with these segments (m, 2): least squares of their displacements
+    and, times STIFFNESS, of the second differences along the line, which count less where they exceed ``edge`` [m].
+    The line goes on behind the axis as its image; its other ends are held."""
+    axis, one = points[:, 0] == 0.0, np.eye(len(points))
+    neighbours = 0.0 * one
+    np.add.at(neighbours, (parts, parts[:, ::-1]), 0.5)
+    ends, weight = neighbours.sum(1) < 1.0, np.ones((len(points), 1))
+    neighbours[axis] *= 2.0
+    for stiffness in STIFFNESS:
+        columns = []
+        for column, held in zip(points.T, (ends, ends & ~axis), strict=True):  # a radius is odd about the axis
+            second = (neighbours - one) * ~held[:, None]
+            stiff = one + stiffness * second.T @ (weight * second)
+            solved = np.linalg.solve(np.where(held[:, None], one, stiff), column)
+            columns.append(np.where(held, column, solved))
+        smoothed = np.stack(columns, -1)
+        bend = np.linalg.norm(neighbours @ smoothed - smoothed, axis=1) * ~ends
+        weight = 1.0 / (1.0 + (bend / edge)[:, None] ** 4)
+    return smoothed

@@ -178,17 +178,18 @@ async function forecast() {
   button();
   if (known.wrong && state.mode === "preview") numbers({}, {}, "");
   else if (known.table && !state.computed && state.mode === "preview") numbers(known.table, {}, test().preview ? "Estimate; preview is coming." : "Estimate; this test has no preview.");
-  if (test().preview || known.wrong) return;
-  const before = state.changed ? null : ((await ask("list")).runs || []).find((run) => run.scene === test().name && run.whole && run.report);
+  if (known.wrong || (test().preview && stage.frames.length)) return;
+  const before = state.changed || test().preview ? null : ((await ask("list")).runs || []).find((run) => run.scene === test().name && run.whole && run.report);
   if (number !== checking) return;
   if (before && state.mode === "preview") {
     numbers(before.numbers, before.errors, `Last run of this test, ${before.name}: ${before.mix}; ${before.end}`, before.verdict);
     await body.report(before.report);
-  } else if (known.beginning && state.mode === "preview") {
+  } else if (known.beginning && (!test().preview || known.beginning.dimension === 3) && state.mode === "preview") {
     delete by("stage").dataset.old;
     await body.show(known.beginning, "before it flows, to scale");
     if (number !== checking) return;
-    if (!known.table) numbers({}, {}, `This test has no preview. ${known.lines?.[1] || ""}`);
+    if (test().preview && stage.frames.length) return body.hide();  // which was sooner
+    if (!known.table && !test().preview) numbers({}, {}, `This test has no preview. ${known.lines?.[1] || ""}`);
   } else if (state.mode === "preview") body.hide();
   by("nothing").replaceChildren(icon(state.chosen), h("p", {}, "This test has no preview. ", known.lines?.[1] || ""));
 }
@@ -226,7 +227,7 @@ async function preview() {
       if (part.wrong) source("");
       if (part.stage) stage.begin(part.stage), delete by("stage").dataset.old;
       if (part.t !== undefined) {
-        if (!stage.frames.length) by("stage").dataset.first = Math.round(performance.now() - start);
+        if (!stage.frames.length) body.hide(), by("stage").dataset.first = Math.round(performance.now() - start);
         stage.add(part);
       }
       if (part.result) {
@@ -238,7 +239,8 @@ async function preview() {
         const known = Object.keys(errors).length ? "± by the measured errors of such a preview" : "no accuracy data";
         const size = `particles of ${Number((1000 * spacing).toPrecision(3))} mm`;
         const end = {rest: "", time: ", still moving", diverged: ", which this preview cannot follow to its end"}[ended] ?? "";
-        numbers(m, errors, `Preview, a section with ${size}${end}; ${known}.${last ? "" : " It is being refined."}`);
+        const section = test().preview.model === "plane" ? "a section without side walls, with" : "a section with";
+        numbers(m, errors, `Preview, ${section} ${size}${end}; ${known}.${last ? "" : " It is being refined."}`);
       }
     }
   } catch (error) {
@@ -335,7 +337,7 @@ function follow(job) {
   const about = job.left === null ? job.about : job.spent + job.left;
   const spent = `${Math.round(job.spent)} s${about ? ` of about ${inTime(Math.max(about, job.spent))}` : ""}`;
   const now = job.flow === null ? "Compiling …" : `the concrete at ${job.flow.toFixed(2)} s. ${job.result}`;
-  const where = job.stopping ? `Stopping ${job.flow === null ? "when this kernel is compiled" : "after this step"} …` : now;
+  const where = job.stopping ? `Stopping ${job.flow === null ? "once compiled" : "after this step"} …` : now;
   if (!["done", "stopped", "failed"].includes(job.state)) {
     by("status").textContent = waits ? `${job.title}: waits until the one before is done` : `${spent}: ${where}`;
     by("bar").firstElementChild.style.width = `${100 * Math.min(1, about ? job.spent / about : 0)}%`;

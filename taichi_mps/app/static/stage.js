@@ -1,8 +1,8 @@
 // The section of the concrete as it sinks: particles as one smooth body, ruler and dimensions on the plane of the
 // section, the mould dashed. A finger, a mouse or the arrow keys read the height.
 
-const REACH = 2; // of a particle's weight over its size
-const PEAK = 70; // of its weight, in levels of 255
+const REACH = 3; // of a particle's weight over the spacing; with less rows of particles show
+const PEAK = 31; // of its weight, in levels of 255
 const LONGEST = 4; // [s] that a film takes; a longer one is shown faster, and says so
 
 function weight(q) {
@@ -14,7 +14,7 @@ const LEVEL = (() => {
   let sum = 0;
   for (const aside of [0, 0.25, 0.5])
     for (let row = 0; row < 4; row++)
-      for (let k = -3; k <= 3; k++) sum += weight(Math.hypot(k + aside, row + 0.5) / REACH);
+      for (let k = -4; k <= 4; k++) sum += weight(Math.hypot(k + aside, row + 0.5) / REACH);
   return (PEAK * sum) / 3;
 })();
 
@@ -160,6 +160,8 @@ export class Stage {
       this.path([scene.mould[0][0], scene.mould[0].at(-1), scene.mould[1].at(-1), scene.mould[1][0]]);
       context.setLineDash([]);
     }
+    context.strokeStyle = ink;
+    for (const wall of scene.walls) this.path(wall);
     this.dimensions(frame.m, ink);
     if (this.marks) this.measured(this.marks, accent);
     if (this.at !== null) this.height(w, h, accent);
@@ -212,29 +214,32 @@ export class Stage {
     context.globalCompositeOperation = "source-over";
     context.clearRect(0, 0, w, h);
     context.globalCompositeOperation = "lighter";
-    const unit = scene.unit * this.scale, long = (scene.high[0] - scene.low[0]) * this.scale;
+    const unit = scene.unit * this.scale, wide = scene.spacing * this.scale, reach = REACH * wide, long = (scene.high[0] - scene.low[0]) * this.scale;
     const far = scene.periodic ? Math.ceil(w / long) : 0;
     const places = scene.rings ? [[1, 0], [-1, 0]] : Array.from({length: 2 * far + 1}, (_, k) => [1, (k - far) * long]);
     for (let k = 0; k < frame.x.length; k += 3) {
-      const z = frame.x[k + 1] * unit, reach = REACH * frame.x[k + 2] * unit;
+      const z = frame.x[k + 1] * unit, size = frame.x[k + 2] * unit;
+      context.globalAlpha = Math.min(1, (size / wide) ** 2);
       for (const [side, aside] of places) {
         const x = this.zero + side * frame.x[k] * unit + aside - reach;
         context.drawImage(spot, x, this.ground - z - reach, 2 * reach, 2 * reach);
         if (z < reach) context.drawImage(spot, x, this.ground + z - reach, 2 * reach, 2 * reach);
       }
     }
+    context.globalAlpha = 1;
+    const edge = Math.max(9, 160 / wide);  // levels over a pixel and a half
     const image = context.getImageData(0, 0, w, h), data = image.data, floor = Math.min(h, Math.round(this.ground));
     this.tops = new Float32Array(w).fill(NaN);
     for (let y = h - 1; y >= 0; y--)
       for (let x = 0; x < w; x++) {
         const k = 4 * (y * w + x), level = data[k + 3];
-        if (y >= floor || level < LEVEL - 24) data[k + 3] = 0;
+        if (y >= floor || level < LEVEL - edge / 2) data[k + 3] = 0;
         else {
           const light = 0.84 + 0.16 * Math.min(1, (level - LEVEL) / 45);
           data[k] = r * light;
           data[k + 1] = g * light;
           data[k + 2] = b * light;
-          data[k + 3] = Math.min(255, Math.max(0, ((level - LEVEL + 24) / 36) * 255));
+          data[k + 3] = Math.min(255, Math.max(0, ((level - LEVEL) / edge + 0.5) * 255));
           if (level >= LEVEL) this.tops[x] = this.ground - y;
         }
       }
