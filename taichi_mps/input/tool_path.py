@@ -19,15 +19,20 @@ NEUTRAL_CODES = {  # codes that change nothing with one value of one word
     "M220": ("S", 100.0, "a fraction of the speed"),
     "M221": ("S", 100.0, "a fraction of the flow"),
 }
+WITHOUT_TEXT = re.compile(r"M\s*0*(?:8[23]|200|22[01])\b")  # codes M that count
+MOTIONS, PLACED = ("G0", "G1", "G2", "G3"), {"G10", "G28", "G29", "G92"}  # and other codes that may have axes
 TEXT_CODES = {"M16", "M23", "M28", "M30", "M32", "M117", "M118", "M928"}  # whose line is text
 SUPPORTED_CODES = "must be G0 to G4, G10, G11, G20, G21, G90, G91, G92 E, M82 or M83"
+MAX_NUMBER = 1e9  # of a word, so that places, times and chords remain finite
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
-BLOCK = re.compile(rf"(?:N\s*\d+\s*)?((?:[A-Z]\s*(?:{NUMBER})?\s*)+)")
+BLOCK = re.compile(rf"(?:N\s*\d+\s*)?((?:[A-Z]\s*(?:{NUMBER})?\s*)*)")
 WORD = re.compile(rf"([A-Z])\s*({NUMBER})?")
 MACRO = re.compile(r"[A-Z][A-Z0-9]*_\w*")  # name of a command of Klipper
-FED_ALONG = re.compile(r"(?im)^[^;(]*G\s*0*[123]\b[^;(\n]*[XY][^;(\n]*E")  # a move that feeds
+FED_ALONG = re.compile(r"(?im)^[^;(\n]*G\s*0*[123]\b[^;(\n]*[XY][^;(\n]*E")  # a move that feeds
 Dialect = Literal["auto", "marlin", "klipper", "reprapfirmware"]
 ARC_STEP, ARC_ERROR = np.radians(10.0), 5e-4  # of the chords of an arc: largest angle, distance from it [m]
+LEAST_HEIGHT, LEAST_SPEED = 1e-6, 1e-9  # of a bead [m], of a nozzle [m/s]: less is rounding
+LEAST_FED = 1e-9  # of filament [m]: what rounding leaves of a retraction is no bead
 LEAST_STEP = 0.25  # of the root of a bead's section, by which it lies at least above what it lies on
 LEAST_PART = 0.1  # of the length of a bead, over which it lies at least on something
 
@@ -80,15 +85,16 @@ class Printer:
             self.macros[macro[0]] = None
             return
         block, codes = BLOCK.fullmatch(text), []
-        if not block and text[0] in "MT":  # codes with text, as for a display
+        if not block and text[0] in "MT" and not WITHOUT_TEXT.match(text):  # codes with text, as for a display
             return
         for letter, number in WORD.findall(block[1]) if block else [("", "")]:
             if letter in ("G", "M", "T") and number:
                 codes.append((f"{letter}{float(number):g}", {}))
                 continue
-            require(codes or (self.motion and number), f"{line.strip()[:40]}: cannot be read")
+            is_modal = self.motion and number and not re.search("[GMT]", text)  # words before a code belong to none
+            require(codes or is_modal, f"{line.strip()[:40]}: cannot be read")
             codes = codes or [(self.motion, {})]
-            codes[-1][1][letter] = float(number or 0.0)
+            codes[-1][1][letter] = float(number or "nan")
         for code, words in takewhile(lambda each: each[0] not in TEXT_CODES, codes):
             self.execute_code(code, words)
 
@@ -96,7 +102,9 @@ class Printer:
         """Execute a code with its words; SceneError for an unknown one."""
         letter, neutral, meaning = NEUTRAL_CODES.get(code, ("", 0.0, ""))
         require(words.get(letter, neutral) == neutral, f"{code}: {meaning}, is not known; {SUPPORTED_CODES}")
-        if code in ("G0", "G1", "G2", "G3"):
+        for word, value in words.items() if code[0] == "G" and code not in IGNORED_CODES else ():
+            require(abs(value) <= MAX_NUMBER, f"{code} {word}: must have a number of at most {MAX_NUMBER:g}")
+        if code in MOTIONS:
             self.motion = code
             self.move(code, words)
         elif code in ("G90", "G91"):
@@ -116,6 +124,9 @@ class Printer:
         else:
             ignored = code in IGNORED_CODES and not (code == "G10" and words.keys() & {"L", "P", *AXES})
             require(code[0] != "G" or ignored, f"{code}: is not known; {SUPPORTED_CODES}")
+        moving = "".join(word for word in words if word in "XYZEFIJR")
+        placed = code in (*MOTIONS, *PLACED) or (code[0] != "G" and code not in ("M82", "M83"))
+        require(placed or not moving, f"{code} {moving}: must be on a line with G0, G1, G2 or G3")
 
     def move(self, code: str, words: dict[str, float]) -> None:
         """Move the nozzle along a straight line or an arc, and lay beads where E grows, or where a rate is given."""
@@ -125,15 +136,16 @@ class Printer:
         self.speed, fed = self.unit * words["F"] / 60.0 if "F" in words else self.speed, 0.0
         if "E" in words:
             self.extruded = self.unit * words["E"] + (0.0 if self.absolute_e else self.extruded)
-            fed, self.max_extruded = max(0.0, self.extruded - self.max_extruded), max(self.max_extruded, self.extruded)
+            fed = self.extruded - self.max_extruded
+            fed, self.max_extruded = (fed, self.extruded) if fed > LEAST_FED else (0.0, self.max_extruded)
         places = self.arc(code, target, words) if code in ("G2", "G3") else target[None]
         steps = np.diff(places, axis=0, prepend=self.position[None])
         lengths, flat = np.linalg.norm(steps, axis=1), np.linalg.norm(steps[:, :2], axis=1).sum()
         climb, length = abs(float(target[2] - self.position[2])), float(lengths.sum())
         opens = bool(fed) if self.rate is None or self.feeds_along else code != "G0" and 2.0 * climb < flat
         if length:
-            require(self.speed > 0.0 or code == "G0", f"{code}: must have a speed F above 0, here or before")
-            duration = length / self.speed if self.speed else 0.0
+            require(self.speed > LEAST_SPEED or code == "G0", f"{code}: must have a speed F above 0, here or before")
+            duration = length / self.speed if self.speed > LEAST_SPEED else 0.0
             require(
                 not opens or self.filament or self.rate is not None,
                 f"{code} E: needs filament_diameter, as of the slicer, or print_rate",
@@ -149,6 +161,7 @@ class Printer:
 
     def arc(self, code: str, target, words) -> np.ndarray:
         """Return the ends of chords (n, 3) [m] of an arc or a helix to a target, about (I, J) or with a radius R."""
+        require("P" not in words, f"{code} P: more circles than one are not known; must be left out")
         start, chord = self.position[:2], target[:2] - self.position[:2]
         if "R" in words:
             radius, half = self.unit * words["R"], 0.5 * float(np.linalg.norm(chord))
@@ -163,7 +176,7 @@ class Printer:
         sign = 1.0 if code == "G3" else -1.0
         angle = (sign * (last - first) - 1e-6) % (2.0 * np.pi) + 1e-6  # a full circle where it ends at its start
         step = min(ARC_STEP, (8.0 * ARC_ERROR / near) ** 0.5)
-        along = np.linspace(0.0, 1.0, int(np.ceil(angle / step)) + 1)[1:, None]
+        along = np.linspace(0.0, 1.0, int(np.ceil(angle / step - 1e-6)) + 1)[1:, None]
         turned, radius = first + sign * angle * along, near + (far - near) * along
         level = self.position[2] + along * (target[2] - self.position[2])
         return np.hstack([centre + radius * np.hstack([np.cos(turned), np.sin(turned)]), level])
@@ -206,7 +219,7 @@ def read_gcode(path, rate=None, filament=None, dialect: Dialect = "auto") -> lis
     text = regular_file(f"gcode {path}", path, MAX_BYTES).read_text(encoding="utf-8-sig", errors="replace")
     dialect = dialect_of(path) if dialect == "auto" else dialect
     printer = Printer(rate, filament, dialect, bool(FED_ALONG.search(text)))
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(text.split("\n"), 1):
         try:
             printer.execute(line)
         except SceneError as error:
@@ -215,7 +228,7 @@ def read_gcode(path, rate=None, filament=None, dialect: Dialect = "auto") -> lis
         warnings.warn(f"gcode {path}: not executed: {', '.join(printer.macros)}", stacklevel=2)
     require(printer.beads, f"gcode {path}: lays nothing; G1 must have E, or print_rate be given")
     lowest = min(max(bead.start[2], bead.end[2]) for bead in printer.beads)
-    require(lowest > 0.0, f"gcode {path}: lays a bead at z = {lowest:g} m; must be above 0 m")
+    require(lowest > LEAST_HEIGHT, f"gcode {path}: lays a bead at z = {lowest:g} m; must be above 0 m")
     beads = levelled(printer.beads, path)
     heights = heights_above_what_lies_below(beads)
     _, layers = np.unique(np.round([[bead.end[2] for bead in beads], heights], 7), axis=1, return_inverse=True)
@@ -238,8 +251,8 @@ def levelled(beads: list[Bead], path) -> list[Bead]:
             turns = round(abs(corners.sum()) / (2.0 * np.pi))
             gap, most = np.linalg.norm((points[-2] - points[0])[:2]), 0.5 * line[0].section ** 0.5
             whole = "must be level, or a spiral of whole turns that ends above its start"
-            require(turns and gap <= most, f"gcode {path}: a bead rises at z = {z[0]:g} m; {whole}")
-            rise = round((z[-1] - z[0]) / turns, 7)
+            rise = round((z[-1] - z[0]) / max(turns, 1), 7)
+            require(turns and rise > 0.0 and gap <= most, f"gcode {path}: a bead rises at z = {z[0]:g} m; {whole}")
             tops = z[0] + rise * np.ceil((0.5 * (z[1:] + z[:-1]) - z[0]) / rise - 1e-6)
             line = [
                 replace(bead, start=np.array([*bead.start[:2], top]), end=np.array([*bead.end[:2], top]))
@@ -265,7 +278,7 @@ def heights_above_what_lies_below(beads: list[Bead]) -> list[float]:
     tops = np.zeros((2, *(np.ceil(np.ptp(ends, axis=0) / cell).astype(int) + 2 * margin + 1)))  # top, and below it
     for bead in beads:
         count = int(np.ceil(np.linalg.norm(bead.end - bead.start) / cell)) + 1
-        places, least = np.linspace(bead.start, bead.end, count), LEAST_STEP * bead.section**0.5
+        places, least = np.linspace(bead.start, bead.end, count), max(LEAST_STEP * bead.section**0.5, LEAST_HEIGHT)
         cells, z = np.round((places[:, :2] - low) / cell).astype(int) + margin, places[:, 2]
         gaps = z - tops[:, cells[:, 0], cells[:, 1]]
         gaps = np.where(gaps[0] >= least, gaps[0], np.where(gaps[1] >= least, gaps[1], z))
