@@ -270,11 +270,10 @@ def heights_above_what_lies_below(beads: list[Bead]) -> list[float]:
     last part of a line that rises, are nothing that a bead lies on.
     """
     ends = np.array([place[:2] for bead in beads for place in (bead.start, bead.end)])
-    cell = max(
-        0.25 * float(np.median([bead.section for bead in beads])) ** 0.5, float(np.ptp(ends, axis=0).max()) / 2000
-    )
+    roots = np.array([bead.section for bead in beads]) ** 0.5
+    cell = max(0.25 * float(np.median(roots)), 0.01 * float(roots.max()), float(np.ptp(ends, axis=0).max()) / 2000)
     low, heights = ends.min(0), []
-    margin = int(np.ceil(max(bead.section for bead in beads) ** 0.5 / cell)) * 4 + 1
+    margin = int(np.ceil(float(roots.max()) / cell)) * 4 + 1
     tops = np.zeros((2, *(np.ceil(np.ptp(ends, axis=0) / cell).astype(int) + 2 * margin + 1)))  # top, and below it
     for bead in beads:
         count = int(np.ceil(np.linalg.norm(bead.end - bead.start) / cell)) + 1
@@ -285,7 +284,8 @@ def heights_above_what_lies_below(beads: list[Bead]) -> list[float]:
         heights.append(float(np.quantile(gaps, LEAST_PART, method="higher").round(7)))
         half = min(margin, int(0.5 * bead.section / heights[-1] / cell))
         square = np.stack(np.mgrid[-half : half + 1, -half : half + 1], -1).reshape(-1, 2)
-        around, at = (cells[:, None] + square).reshape(-1, 2).T, np.repeat(z, len(square))
+        some = np.r_[0 : count : max(1, half // 4), count - 1]  # whose squares overlap
+        around, at = (cells[some, None] + square).reshape(-1, 2).T, np.repeat(z[some], len(square))
         above = at - tops[0][tuple(around)] >= least
         tops[1][tuple(around[:, above])] = tops[0][tuple(around[:, above])]
         tops[0][tuple(around)] = at
