@@ -235,6 +235,15 @@ def test_a_tool_path_is_read_in_all_its_modes(written):
         ("X10 E5\n", "line 1: X10 E5: cannot be read"),
         ("G1 X10 E5\n", "line 1: G1: must have a speed F above 0"),
         ("G1 X10 E5 F600\n", "lays a bead at z = 0 m; must be above 0 m"),
+        (FLAT + "G1 X Y5 E130\n", "line 11: G1 X: must have a number of at most 1e.09"),
+        (FLAT + f"G1 X{'9' * 400} E130\n", "line 11: G1 X: must have a number of at most 1e.09"),
+        (FLAT + "G91 X5 E130\n", "line 11: G91 XE: must be on a line with G0, G1, G2 or G3"),
+        (FLAT + "M83: relative\n", "line 11: M83: relative: cannot be read"),
+        (FLAT + "X5 G1 Y5 E130\n", "line 11: X5 G1 Y5 E130: cannot be read"),
+        (FLAT + "G2 X0 I-50 P2\n", "line 11: G2 P: more circles than one are not known"),
+        (FLAT + "G0 F-60\nG1 X5 E130\n", "line 12: G1: must have a speed F above 0"),
+        ("M83\nG0 X100 Z30 F6000\nG3 I-100 Z10 E50\n", " ?a bead rises at z = 0.03 m; must be level, or a spiral"),
+        ("M83\nG0 Z.00001 F6000\nG1 X9 E5\n", "lays a bead at z = 1e-08 m; must be above 0 m"),
         ("G0 Z5 F600\nG0 X10\n", "lays nothing; G1 must have E, or print_rate be given"),
     ],
 )
@@ -255,6 +264,8 @@ MOVES = "G0 Z10 F6000\nG1 X100 E50\n"  # 50 mm of filament on 100 mm
         "M83\nG64\n" + MOVES + "G10\nG0 Z20\nG11\n",
         "M83\nG0 Z 10 F 6000\nG 1 X 100 E 50\n",
         "G21 G90 M83\nG0 Z10\nN7 G1 F6000\nX100 E50\nM117 G1 X500 E500\n",
+        "N10\nN20 (a)\n; a\u2028G1 X5 E9\nM83\nG0 Z10 F6000\nG1 E-.8\nG1 E.5\nG1 X-5 E.3\nG0 X0\nG1 X100 E50\n",
+        "M83\nG0 F-60\nG0 Z10 F6000\nG1 X100 E50\nG0 F-60 X0\n",
         "M82\nG0 Z10 F6000\nG1 E-5\nG92 E0\nG1 E5\nG1 X100 E55\n",
         "M82\nG0 Z10 F6000\nG1 E-5\nG92 E0\nG1 X50 E30\nG1 X100 E55\n",
     ],
@@ -287,6 +298,15 @@ def test_a_dialect_decides_whether_e_is_absolute_after_g90(written, head, dialec
         "printing", gcode=str(path), filament_diameter=0.01, gcode_dialect=dialect, spacing=0.001
     )
     assert scene.parameters["gcode_dialect"] == ("marlin" if count == 1 else "klipper")
+
+
+def test_files_without_e_and_beads_of_any_size_are_read_at_once(written):
+    """6000 lines without E and without a comment, and a bead 2e4 times as wide as others; both took minutes or all
+    memory."""
+    lines = "".join(f"G1 X{k % 7} Y{k}\n" for k in range(1, 6000))
+    assert len(read_gcode(written("G0 Z10 F6000\n" + lines), rate=1e-6)) == 5999
+    beads = read_gcode(written("M83\n" + MOVES + "G1 X0 E5\nG1 Y1 E100\nG1 Y9 E1000000\n"), filament=0.004)
+    assert [bead.height for bead in beads] == [0.01] * 4
 
 
 def test_with_a_rate_what_feeds_nothing_is_travel_in_a_file_with_e(written):
