@@ -12,7 +12,7 @@ import numpy as np
 from ..engine import Material, still
 from ..input.labels import OPTIONS, RESULTS, UNITS, in_words, title
 from ..spelling import in_unit, without_unit
-from ..units import SceneError, require, unit_of, user_path
+from ..units import require, unit_of, user_path
 from .calibration import FittedConstants, rounded
 from .tables import COLUMN_NAMES, ROW_ERROR, key_of, match_column, read_list, words_of
 
@@ -20,7 +20,9 @@ TIME_COLUMNS = (  # names of the column of the times
     "time times t elapsed elapsedtime seconds second sec secs s timestamp timeafterlifting timesincelifting "
     "zeit laufzeit zeitstempel sekunden temps tempsécoulé 時間 経過時間 時刻 秒"
 )
-FRAMES = re.compile(r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(\d+(?:\.\d+)?)\s*(?:fps|hz|1/s|/s)\W*")  # and their rate
+FRAMES = re.compile(
+    r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(?=[\d.]*[1-9])(\d+(?:\.\d+)?)\s*(?:fps|hz|1/s|/s)\W*"
+)  # and their rate
 # words of the name of a column that names runs
 NAME_WORDS = "test concrete mix batch sample specimen name id no nr number probe versuch mischung 試験 配合 供試体 番号"
 MAX_GIVEN = 0.1  # part of the shear stress by constants that were given, up to which it counts as found
@@ -121,9 +123,11 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
 def number(cell: str, unit: str, si_unit: str, where: str) -> float:
     """Return a cell in the unit ``si_unit``, from its own unit or that of its column; nan for an empty one."""
     try:
-        return float(in_unit(si_unit, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
+        found = float(in_unit(si_unit, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
     except ValueError:
-        raise SceneError(f"{where} = {cell}: must be a number{f' [{si_unit}]' if si_unit else ''}") from None
+        found = np.inf
+    require(abs(found) != np.inf, f"{where} = {cell}: must be a number{f' [{si_unit}]' if si_unit else ''}")
+    return found
 
 
 def measures_of(scene) -> list[str]:

@@ -49,7 +49,7 @@ SHIFT_JIS = re.compile(
 )
 BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 STANDARD = re.compile(r"(?i)(en|din|jis|jsce|astm|iso|bs|nf)\b")  # number of a standard in brackets
-UNIT = r"mm|cm|dm|m|in|inch|inches|ft|s|sec|min|kg/m\^?3|t/m\^?3|g/cm\^?3|kg/l|lb/ft\^?3|k?Pa|Pa[ .·*]?s|秒|sek"
+UNIT = r"mm|cm|dm|m|in|inch|inches|ft|s|ms|sec|min|kg/m\^?3|t/m\^?3|g/cm\^?3|kg/l|lb/ft\^?3|k?Pa|Pa[ .·*]?s|秒|sek"
 NAME_AND_UNIT = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNIT})\.?")  # name of a column without brackets
 
 
