@@ -23,7 +23,7 @@ WITHOUT_TEXT = re.compile(r"M\s*0*(?:8[23]|200|22[01])\b")  # codes M that count
 MOTIONS, PLACED = ("G0", "G1", "G2", "G3"), {"G10", "G28", "G29", "G92"}  # and other codes that may have axes
 TEXT_CODES = {"M16", "M23", "M28", "M30", "M32", "M117", "M118", "M928"}  # whose line is text
 SUPPORTED_CODES = "must be G0 to G4, G10, G11, G20, G21, G90, G91, G92 E, M82 or M83"
-MAX_NUMBER = 1e9  # of a word, so that places, times and chords remain finite
+MAX_NUMBER = 1e6  # of a place, so that an arc has some thousand chords; a thousand times that of E, F, P and S
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 BLOCK = re.compile(rf"(?:N\s*\d+\s*)?((?:[A-Z]\s*(?:{NUMBER})?\s*)*)")
 WORD = re.compile(rf"([A-Z])\s*({NUMBER})?")
@@ -103,7 +103,8 @@ class Printer:
         letter, neutral, meaning = NEUTRAL_CODES.get(code, ("", 0.0, ""))
         require(words.get(letter, neutral) == neutral, f"{code}: {meaning}, is not known; {SUPPORTED_CODES}")
         for word, value in words.items() if code[0] == "G" and code not in IGNORED_CODES else ():
-            require(abs(value) <= MAX_NUMBER, f"{code} {word}: must have a number of at most {MAX_NUMBER:g}")
+            most = MAX_NUMBER * (1e3 if word in "EFPS" else 1.0)
+            require(abs(value) <= most, f"{code} {word}: must have a number of at most {most:g}")
         if code in MOTIONS:
             self.motion = code
             self.move(code, words)
