@@ -10,7 +10,7 @@ import numpy as np
 
 from ..units import SceneError, regular_file, require
 
-MAX_BYTES = 2e7
+MAX_BYTES, MAX_NUMBER = 2e7, 1e6  # of a file, of a place, so that an arc has some thousand chords
 AXES = "XYZ"
 # codes that move nothing while a bead is laid, among them a retraction by the firmware (G10, G11)
 IGNORED_CODES = {"G10", "G11", "G17", "G28", "G29", "G40", "G49", "G54", "G61", "G64", "G80", "G94"}
@@ -19,11 +19,9 @@ NEUTRAL_CODES = {  # codes that change nothing with one value of one word
     "M220": ("S", 100.0, "a fraction of the speed"),
     "M221": ("S", 100.0, "a fraction of the flow"),
 }
-WITHOUT_TEXT = re.compile(r"M\s*0*(?:8[23]|200|22[01])\b")  # codes M that count
 MOTIONS, PLACED = ("G0", "G1", "G2", "G3"), {"G10", "G28", "G29", "G92"}  # and other codes that may have axes
 TEXT_CODES = {"M16", "M23", "M28", "M30", "M32", "M117", "M118", "M928"}  # whose line is text
 SUPPORTED_CODES = "must be G0 to G4, G10, G11, G20, G21, G90, G91, G92 E, M82 or M83"
-MAX_NUMBER = 1e6  # of a place, so that an arc has some thousand chords; a thousand times that of E, F, P and S
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 BLOCK = re.compile(rf"(?:N\s*\d+\s*)?((?:[A-Z]\s*(?:{NUMBER})?\s*)*)")
 WORD = re.compile(rf"([A-Z])\s*({NUMBER})?")
@@ -31,8 +29,8 @@ MACRO = re.compile(r"[A-Z][A-Z0-9]*_\w*")  # name of a command of Klipper
 FED_ALONG = re.compile(r"(?im)^[^;(\n]*G\s*0*[123]\b[^;(\n]*[XY][^;(\n]*E")  # a move that feeds
 Dialect = Literal["auto", "marlin", "klipper", "reprapfirmware"]
 ARC_STEP, ARC_ERROR = np.radians(10.0), 5e-4  # of the chords of an arc: largest angle, distance from it [m]
-LEAST_HEIGHT, LEAST_SPEED = 1e-6, 1e-9  # of a bead [m], of a nozzle [m/s]: less is rounding
-LEAST_FED = 1e-9  # of filament [m]: what rounding leaves of a retraction is no bead
+# height [m] of a bead, speed [m/s], and filament [m] that is fed: less is of rounding, as after a retraction
+LEAST_HEIGHT, LEAST_SPEED, LEAST_FED = 1e-6, 1e-9, 1e-9
 LEAST_STEP = 0.25  # of the root of a bead's section, by which it lies at least above what it lies on
 LEAST_PART = 0.1  # of the length of a bead, over which it lies at least on something
 
@@ -85,14 +83,16 @@ class Printer:
             self.macros[macro[0]] = None
             return
         block, codes = BLOCK.fullmatch(text), []
-        if not block and text[0] in "MT" and not WITHOUT_TEXT.match(text):  # codes with text, as for a display
+        if not block and re.match(r"T|M(?!\s*0*(?:8[23]|200|22[01])\b)", text):  # codes with text, as for a display
             return
         for letter, number in WORD.findall(block[1]) if block else [("", "")]:
             if letter in ("G", "M", "T") and number:
                 codes.append((f"{letter}{float(number):g}", {}))
                 continue
-            is_modal = self.motion and number and not re.search("[GMT]", text)  # words before a code belong to none
-            require(codes or is_modal, f"{line.strip()[:40]}: cannot be read")
+            require(
+                codes or (self.motion and number and not re.search("[GMT]", text)),
+                f"{line.strip()[:40]}: cannot be read",
+            )
             codes = codes or [(self.motion, {})]
             codes[-1][1][letter] = float(number or "nan")
         for code, words in takewhile(lambda each: each[0] not in TEXT_CODES, codes):
@@ -102,9 +102,11 @@ class Printer:
         """Execute a code with its words; SceneError for an unknown one."""
         letter, neutral, meaning = NEUTRAL_CODES.get(code, ("", 0.0, ""))
         require(words.get(letter, neutral) == neutral, f"{code}: {meaning}, is not known; {SUPPORTED_CODES}")
-        for word, value in words.items() if code[0] == "G" and code not in IGNORED_CODES else ():
-            most = MAX_NUMBER * (1e3 if word in "EFPS" else 1.0)
-            require(abs(value) <= most, f"{code} {word}: must have a number of at most {most:g}")
+        wrong = [w for w, value in words.items() if not abs(value) <= MAX_NUMBER * (1e3 if w in "EFPS" else 1.0)]
+        require(
+            not wrong or code[0] != "G" or code in IGNORED_CODES,
+            f"{code} {''.join(wrong[:1])}: must have a number of at most {MAX_NUMBER:g}, E, F, P, S of 1000 times that",
+        )
         if code in MOTIONS:
             self.motion = code
             self.move(code, words)
@@ -119,15 +121,14 @@ class Printer:
             self.time += words.get("S", 0.0) + 1e-3 * words.get("P", 0.0)
         elif code == "G92":
             require(not words.keys() & set(AXES), f"{code}: moves the origin, is not known; {SUPPORTED_CODES}")
-            retracted = self.max_extruded - self.extruded
+            self.max_extruded += self.unit * words.get("E", 0.0) - self.extruded
             self.extruded = self.unit * words.get("E", 0.0)
-            self.max_extruded = self.extruded + retracted
         else:
             ignored = code in IGNORED_CODES and not (code == "G10" and words.keys() & {"L", "P", *AXES})
             require(code[0] != "G" or ignored, f"{code}: is not known; {SUPPORTED_CODES}")
-        moving = "".join(word for word in words if word in "XYZEFIJR")
-        placed = code in (*MOTIONS, *PLACED) or (code[0] != "G" and code not in ("M82", "M83"))
-        require(placed or not moving, f"{code} {moving}: must be on a line with G0, G1, G2 or G3")
+        idle = code not in (*MOTIONS, *PLACED) and (code[0] == "G" or code in ("M82", "M83"))
+        stray = "".join(word for word in words if idle and word in "XYZEFIJR")
+        require(not stray, f"{code} {stray}: must be on a line with G0, G1, G2 or G3")
 
     def move(self, code: str, words: dict[str, float]) -> None:
         """Move the nozzle along a straight line or an arc, and lay beads where E grows, or where a rate is given."""
@@ -152,8 +153,9 @@ class Printer:
                 f"{code} E: needs filament_diameter, as of the slicer, or print_rate",
             )
             require(not opens or climb < flat, f"{code}: lays a bead that rises; must rise by less than 45 degrees")
-            by_e = fed * 0.25 * np.pi * (self.filament or 0.0) ** 2
-            volume = opens * (by_e if self.rate is None else self.rate * duration)
+            volume = opens * (
+                fed * 0.25 * np.pi * (self.filament or 0.0) ** 2 if self.rate is None else self.rate * duration
+            )
             for start, place, part in zip([self.position, *places], places, lengths / length, strict=False):
                 if volume and part:
                     self.beads.append(Bead(start, place, self.time, part * duration, part * volume))
@@ -251,9 +253,12 @@ def levelled(beads: list[Bead], path) -> list[Bead]:
             corners = (np.diff(np.arctan2(y, x)) + np.pi) % (2.0 * np.pi) - np.pi  # with that from the end to the start
             turns = round(abs(corners.sum()) / (2.0 * np.pi))
             gap, most = np.linalg.norm((points[-2] - points[0])[:2]), 0.5 * line[0].section ** 0.5
-            whole = "must be level, or a spiral of whole turns that ends above its start"
             rise = round((z[-1] - z[0]) / max(turns, 1), 7)
-            require(turns and rise > 0.0 and gap <= most, f"gcode {path}: a bead rises at z = {z[0]:g} m; {whole}")
+            require(
+                turns and rise > 0.0 and gap <= most,
+                f"gcode {path}: a bead rises at z = {z[0]:g} m; must be level, or a spiral of whole turns that ends "
+                "above its start",
+            )
             tops = z[0] + rise * np.ceil((0.5 * (z[1:] + z[:-1]) - z[0]) / rise - 1e-6)
             line = [
                 replace(bead, start=np.array([*bead.start[:2], top]), end=np.array([*bead.end[:2], top]))

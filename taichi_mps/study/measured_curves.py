@@ -71,7 +71,7 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
     words, units = column_meanings(keywords, measures)
     rates = {column: float(at[1]) for column in rows[0] if (at := FRAMES.fullmatch(column or ""))}  # of frames [1/s]
     contents = {  # {column: (field, unit)}
-        column: ("time", "s") if column in rates else match_column(column, words, units.get)
+        column: ("time", "s") if column in rates else match_column(column, words, units.get, where)
         for column in rows[0]
         if column
     }

@@ -170,11 +170,11 @@ def is_unit(text: str, fields) -> bool:
     return bool(text) and not is_name and not STANDARD.match(text)
 
 
-def match_column(column: str, fields: dict[str, str], unit_of) -> tuple[str | None, str]:
+def match_column(column: str, fields: dict[str, str], unit_of, where: str = "") -> tuple[str | None, str]:
     """Return the field of a column by ``fields``, {key_of(name): field}, else None, and the unit in its name, else ''.
 
-    A unit of another kind than ``unit_of(field)`` raises SceneError; after a name of at most three letters, which may
-    be an abbreviation of something else, it gives None and ''.
+    A unit of another kind than ``unit_of(field)`` raises SceneError, which begins with ``where``; after a name of at
+    most three letters, which may be an abbreviation of something else, it gives None and ''.
     """
     text = unicodedata.normalize("NFKC", column)
     name = BRACKETS.sub(" ", text).strip()
@@ -189,7 +189,7 @@ def match_column(column: str, fields: dict[str, str], unit_of) -> tuple[str | No
         with suppress(ValueError):
             in_unit(si_unit, f"1 {unit}")
             return found, unit
-    require(len(key_of(name)) <= 3, f"column '{column}': its unit must be {si_unit} or one of that kind")
+    require(len(key_of(name)) <= 3, f"{where}column '{column}': its unit must be {si_unit} or one of that kind")
     return None, ""  # SF [kg/m3] is silica fume
 
 

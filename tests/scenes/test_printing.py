@@ -181,13 +181,6 @@ def test_a_hose_stays_near_the_concrete_in_a_high_form(hose, ends):
 
 
 FLAT = "G21\nG90\nM82\nG92 E0\nG1 F6000\nG0 Z10\nG1 X100 E50\nG1 X100 Y30 E65 ; a corner\nG0 Z20\nG1 Y0 E80\n"
-SAME = {  # the same beads in other words
-    "relative": "\ufeffG91\nM83\nG0 Z10 F6000\nG1 X100 E50\nG1 Y30 E15\nG0 Z10\nG1 Y-30 E15\n",
-    "inches": "G20 (inch)\nG90\nM83\nN5 G0 Z.393700787402 F236.220472441*71\n"
-    "G01 X3.93700787402 E1.96850393701\nG1 Y1.18110236220 E.590551181102\ng0 z.787401574803\nG1 Y0E.590551181102\n",
-    "retracted": "M83\nM104 S200\nT0\nG0 Z10 F6000\nG1 X100 E50\nG1 E-5\nG4 P100\nG1 E5\nG1 Y30 E15\nG0 Z20\n"
-    "G1 Y0 E15\n",
-}
 
 
 @pytest.fixture
@@ -199,7 +192,7 @@ def written(tmp_path):
     return write
 
 
-def test_a_tool_path_is_read_in_all_its_modes(written):
+def test_a_tool_path_is_read_as_it_is_written(written):
     """50 mm of a filament of 4 mm on 100 mm, then 15 on 30, give layers 10 mm high and 2 pi mm wide, at 100 mm/s."""
     beads = read_gcode(written(FLAT), filament=0.004)
     area = np.pi * 0.002**2
@@ -210,12 +203,6 @@ def test_a_tool_path_is_read_in_all_its_modes(written):
     assert np.array([bead.end for bead in beads]) == pytest.approx(
         np.array([(0.1, 0.0, 0.01), (0.1, 0.03, 0.01), (0.1, 0.0, 0.02)])
     )
-    for name, text in SAME.items():
-        others = read_gcode(written(text), filament=0.004)
-        late = 0.1 * (name == "retracted")
-        for one, other in zip(beads, others, strict=True):
-            assert other.volume == pytest.approx(one.volume) and other.end == pytest.approx(one.end), name
-            assert other.begin == pytest.approx(one.begin + late * (one.begin > 0.0)), name
     by_rate = read_gcode(written(FLAT), rate=2e-6)
     assert [bead.volume for bead in by_rate] == pytest.approx([2e-6, 0.6e-6, 0.6e-6])
 
