@@ -322,33 +322,6 @@ def test_a_bead_is_as_high_as_it_lies_above_what_is_below_it(written):
     assert [bead.height for bead in read_gcode(written("M83\nG1 F3000\n" + bridge), filament=0.004)] == [0.01] * 3
 
 
-@pytest.mark.parametrize(
-    ("words", "angle", "end"),
-    [
-        ("G3 X0 Y100 I-100", 0.5, (0.0, 0.1)),
-        ("G2 X0 Y100 I-100", 1.5, (0.0, 0.1)),
-        ("G3 X0 Y100 R100", 0.5, (0.0, 0.1)),
-        ("G3 X0 Y-100 R-100", 1.5, (0.0, -0.1)),
-        ("G2 X0 Y100 R-100", 1.5, (0.0, 0.1)),
-        ("G3 I-100", 2.0, (0.1, 0.0)),
-        ("G2 I-100 Z11", 2.0, (0.1, 0.0)),
-    ],
-)
-def test_arcs_are_chords_of_their_circle(written, words, angle, end):
-    """Of a radius of 100 mm about the origin: length pi r angle to the chords' 0.15 %, ends on the circle, all of the
-    volume, and of a helix equal steps up."""
-    beads = read_gcode(written(f"M83\nG0 X100 Z10 F6000\n{words} E50\n"), filament=0.004)
-    points = np.array([beads[0].start, *(bead.end for bead in beads)])
-    assert np.hypot(*points[:, :2].T) == pytest.approx(0.1) and points[-1, :2] == pytest.approx(end, abs=1e-9)
-    length = sum(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1))
-    assert (1 - 1.5e-3) * np.pi * 0.1 * angle < length <= np.pi * 0.1 * angle
-    assert sum(bead.volume for bead in beads) == pytest.approx(0.05 * np.pi * 0.002**2)
-    assert np.ptp(np.diff(points[:, 2])) < 1e-12 and points[-1, 2] == (0.011 if "Z" in words else 0.01)
-    assert np.all(
-        np.sign(points[:-1, 0] * points[1:, 1] - points[:-1, 1] * points[1:, 0]) == (1 if "G3" in words else -1)
-    )
-
-
 def test_a_spiral_vase_lies_on_its_own_turn_below(written):
     """A level circle of 10 mm, then four turns that rise by 10 mm each: every bead is 10 mm high and as wide as fed."""
     fed = 1e3 * 2 * np.pi * 0.1 * 0.03 * 0.01 / (np.pi * 0.005**2)
