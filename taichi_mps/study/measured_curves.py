@@ -20,9 +20,8 @@ TIME_COLUMNS = (  # names of the column of the times
     "time times t elapsed elapsedtime seconds second sec secs s timestamp timeafterlifting timesincelifting "
     "zeit laufzeit zeitstempel sekunden temps tempsécoulé 時間 経過時間 時刻 秒"
 )
-FRAMES = re.compile(
-    r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(?=[\d.]*[1-9])(\d+(?:\.\d+)?)\s*(?:fps|hz|1/s|/s)\W*"
-)  # and their rate
+# the number of a picture, and the rate, which is not 0
+FRAMES = re.compile(r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(?=[\d.]*[1-9])(\d+(?:\.\d+)?)\s*(?:fps|hz|1/s|/s)\W*")
 # words of the name of a column that names runs
 NAME_WORDS = "test concrete mix batch sample specimen name id no nr number probe versuch mischung 試験 配合 供試体 番号"
 MAX_GIVEN = 0.1  # part of the shear stress by constants that were given, up to which it counts as found

@@ -288,10 +288,10 @@ def test_a_dialect_decides_whether_e_is_absolute_after_g90(written, head, dialec
 
 
 def test_files_without_e_and_beads_of_any_size_are_read_at_once(written):
-    """6000 lines without E and without a comment, and a bead 2e4 times as wide as others; both took minutes or all
-    memory."""
+    """6000 lines without E, without a comment and with a long text for a display, and a bead 2e4 times as wide as
+    others; each took minutes or all memory."""
     lines = "".join(f"G1 X{k % 7} Y{k}\n" for k in range(1, 6000))
-    assert len(read_gcode(written("G0 Z10 F6000\n" + lines), rate=1e-6)) == 5999
+    assert len(read_gcode(written("G0 Z10 F6000\nM117 " + "a " * 40 + "!\n" + lines), rate=1e-6)) == 5999
     beads = read_gcode(written("M83\n" + MOVES + "G1 X0 E5\nG1 Y1 E100\nG1 Y9 E1000000\n"), filament=0.004)
     assert [bead.height for bead in beads] == [0.01] * 4
 
