@@ -10,7 +10,7 @@ import numpy as np
 
 from ..units import SceneError, regular_file, require
 
-MAX_BYTES = 2e7
+MAX_BYTES, MAX_NUMBER = 2e7, 1e6  # of a file, of a place, so that an arc has some thousand chords
 AXES = "XYZ"
 # codes that move nothing while a bead is laid, among them a retraction by the firmware (G10, G11)
 IGNORED_CODES = {"G10", "G11", "G17", "G28", "G29", "G40", "G49", "G54", "G61", "G64", "G80", "G94"}
@@ -19,15 +19,18 @@ NEUTRAL_CODES = {  # codes that change nothing with one value of one word
     "M220": ("S", 100.0, "a fraction of the speed"),
     "M221": ("S", 100.0, "a fraction of the flow"),
 }
+MOTIONS, PLACED = ("G0", "G1", "G2", "G3"), {"G10", "G28", "G29", "G92"}  # and other codes that may have axes
 TEXT_CODES = {"M16", "M23", "M28", "M30", "M32", "M117", "M118", "M928"}  # whose line is text
 SUPPORTED_CODES = "must be G0 to G4, G10, G11, G20, G21, G90, G91, G92 E, M82 or M83"
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
-BLOCK = re.compile(rf"(?:N\s*\d+\s*)?((?:[A-Z]\s*(?:{NUMBER})?\s*)+)")
+NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)"
+BLOCK = re.compile(rf"(?:N\s*\d+\s*)?((?:[A-Z]\s*(?:{NUMBER}\s*)?)*)")
 WORD = re.compile(rf"([A-Z])\s*({NUMBER})?")
 MACRO = re.compile(r"[A-Z][A-Z0-9]*_\w*")  # name of a command of Klipper
-FED_ALONG = re.compile(r"(?im)^[^;(]*G\s*0*[123]\b[^;(\n]*[XY][^;(\n]*E")  # a move that feeds
+FED_ALONG = re.compile(r"(?im)^[^;(\n]*G\s*0*[123]\b[^;(\n]*[XY][^;(\n]*E")  # a move that feeds
 Dialect = Literal["auto", "marlin", "klipper", "reprapfirmware"]
 ARC_STEP, ARC_ERROR = np.radians(10.0), 5e-4  # of the chords of an arc: largest angle, distance from it [m]
+# height [m] of a bead, speed [m/s], and filament [m] that is fed: less is of rounding, as after a retraction
+LEAST_HEIGHT, LEAST_SPEED, LEAST_FED = 1e-6, 1e-9, 1e-9
 LEAST_STEP = 0.25  # of the root of a bead's section, by which it lies at least above what it lies on
 LEAST_PART = 0.1  # of the length of a bead, over which it lies at least on something
 
@@ -80,15 +83,18 @@ class Printer:
             self.macros[macro[0]] = None
             return
         block, codes = BLOCK.fullmatch(text), []
-        if not block and text[0] in "MT":  # codes with text, as for a display
+        if not block and re.match(r"T|M(?!\s*0*(?:8[23]|200|22[01])\b)", text):  # codes with text, as for a display
             return
         for letter, number in WORD.findall(block[1]) if block else [("", "")]:
             if letter in ("G", "M", "T") and number:
                 codes.append((f"{letter}{float(number):g}", {}))
                 continue
-            require(codes or (self.motion and number), f"{line.strip()[:40]}: cannot be read")
+            require(
+                codes or (self.motion and number and not re.search("[GMT]", text)),
+                f"{line.strip()[:40]}: cannot be read",
+            )
             codes = codes or [(self.motion, {})]
-            codes[-1][1][letter] = float(number or 0.0)
+            codes[-1][1][letter] = float(number or "nan")
         for code, words in takewhile(lambda each: each[0] not in TEXT_CODES, codes):
             self.execute_code(code, words)
 
@@ -96,7 +102,12 @@ class Printer:
         """Execute a code with its words; SceneError for an unknown one."""
         letter, neutral, meaning = NEUTRAL_CODES.get(code, ("", 0.0, ""))
         require(words.get(letter, neutral) == neutral, f"{code}: {meaning}, is not known; {SUPPORTED_CODES}")
-        if code in ("G0", "G1", "G2", "G3"):
+        wrong = [w for w, value in words.items() if not abs(value) <= MAX_NUMBER * (1e3 if w in "EFPS" else 1.0)]
+        require(
+            not wrong or code[0] != "G" or code in IGNORED_CODES,
+            f"{code} {''.join(wrong[:1])}: must have a number of at most {MAX_NUMBER:g}, E, F, P, S of 1000 times that",
+        )
+        if code in MOTIONS:
             self.motion = code
             self.move(code, words)
         elif code in ("G90", "G91"):
@@ -110,12 +121,14 @@ class Printer:
             self.time += words.get("S", 0.0) + 1e-3 * words.get("P", 0.0)
         elif code == "G92":
             require(not words.keys() & set(AXES), f"{code}: moves the origin, is not known; {SUPPORTED_CODES}")
-            retracted = self.max_extruded - self.extruded
+            self.max_extruded += self.unit * words.get("E", 0.0) - self.extruded
             self.extruded = self.unit * words.get("E", 0.0)
-            self.max_extruded = self.extruded + retracted
         else:
             ignored = code in IGNORED_CODES and not (code == "G10" and words.keys() & {"L", "P", *AXES})
             require(code[0] != "G" or ignored, f"{code}: is not known; {SUPPORTED_CODES}")
+        idle = code not in (*MOTIONS, *PLACED) and (code[0] == "G" or code in ("M82", "M83"))
+        stray = "".join(word for word in words if idle and word in "XYZEFIJR")
+        require(not stray, f"{code} {stray}: must be on a line with G0, G1, G2 or G3")
 
     def move(self, code: str, words: dict[str, float]) -> None:
         """Move the nozzle along a straight line or an arc, and lay beads where E grows, or where a rate is given."""
@@ -125,22 +138,24 @@ class Printer:
         self.speed, fed = self.unit * words["F"] / 60.0 if "F" in words else self.speed, 0.0
         if "E" in words:
             self.extruded = self.unit * words["E"] + (0.0 if self.absolute_e else self.extruded)
-            fed, self.max_extruded = max(0.0, self.extruded - self.max_extruded), max(self.max_extruded, self.extruded)
+            fed = self.extruded - self.max_extruded
+            fed, self.max_extruded = (fed, self.extruded) if fed > LEAST_FED else (0.0, self.max_extruded)
         places = self.arc(code, target, words) if code in ("G2", "G3") else target[None]
         steps = np.diff(places, axis=0, prepend=self.position[None])
         lengths, flat = np.linalg.norm(steps, axis=1), np.linalg.norm(steps[:, :2], axis=1).sum()
         climb, length = abs(float(target[2] - self.position[2])), float(lengths.sum())
         opens = bool(fed) if self.rate is None or self.feeds_along else code != "G0" and 2.0 * climb < flat
         if length:
-            require(self.speed > 0.0 or code == "G0", f"{code}: must have a speed F above 0, here or before")
-            duration = length / self.speed if self.speed else 0.0
+            require(self.speed > LEAST_SPEED or code == "G0", f"{code}: must have a speed F above 0, here or before")
+            duration = length / self.speed if self.speed > LEAST_SPEED else 0.0
             require(
                 not opens or self.filament or self.rate is not None,
                 f"{code} E: needs filament_diameter, as of the slicer, or print_rate",
             )
             require(not opens or climb < flat, f"{code}: lays a bead that rises; must rise by less than 45 degrees")
-            by_e = fed * 0.25 * np.pi * (self.filament or 0.0) ** 2
-            volume = opens * (by_e if self.rate is None else self.rate * duration)
+            volume = opens * (
+                fed * 0.25 * np.pi * (self.filament or 0.0) ** 2 if self.rate is None else self.rate * duration
+            )
             for start, place, part in zip([self.position, *places], places, lengths / length, strict=False):
                 if volume and part:
                     self.beads.append(Bead(start, place, self.time, part * duration, part * volume))
@@ -149,6 +164,7 @@ class Printer:
 
     def arc(self, code: str, target, words) -> np.ndarray:
         """Return the ends of chords (n, 3) [m] of an arc or a helix to a target, about (I, J) or with a radius R."""
+        require("P" not in words, f"{code} P: more circles than one are not known; must be left out")
         start, chord = self.position[:2], target[:2] - self.position[:2]
         if "R" in words:
             radius, half = self.unit * words["R"], 0.5 * float(np.linalg.norm(chord))
@@ -163,7 +179,7 @@ class Printer:
         sign = 1.0 if code == "G3" else -1.0
         angle = (sign * (last - first) - 1e-6) % (2.0 * np.pi) + 1e-6  # a full circle where it ends at its start
         step = min(ARC_STEP, (8.0 * ARC_ERROR / near) ** 0.5)
-        along = np.linspace(0.0, 1.0, int(np.ceil(angle / step)) + 1)[1:, None]
+        along = np.linspace(0.0, 1.0, int(np.ceil(angle / step - 1e-6)) + 1)[1:, None]
         turned, radius = first + sign * angle * along, near + (far - near) * along
         level = self.position[2] + along * (target[2] - self.position[2])
         return np.hstack([centre + radius * np.hstack([np.cos(turned), np.sin(turned)]), level])
@@ -206,7 +222,7 @@ def read_gcode(path, rate=None, filament=None, dialect: Dialect = "auto") -> lis
     text = regular_file(f"gcode {path}", path, MAX_BYTES).read_text(encoding="utf-8-sig", errors="replace")
     dialect = dialect_of(path) if dialect == "auto" else dialect
     printer = Printer(rate, filament, dialect, bool(FED_ALONG.search(text)))
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(text.split("\n"), 1):
         try:
             printer.execute(line)
         except SceneError as error:
@@ -215,7 +231,7 @@ def read_gcode(path, rate=None, filament=None, dialect: Dialect = "auto") -> lis
         warnings.warn(f"gcode {path}: not executed: {', '.join(printer.macros)}", stacklevel=2)
     require(printer.beads, f"gcode {path}: lays nothing; G1 must have E, or print_rate be given")
     lowest = min(max(bead.start[2], bead.end[2]) for bead in printer.beads)
-    require(lowest > 0.0, f"gcode {path}: lays a bead at z = {lowest:g} m; must be above 0 m")
+    require(lowest > LEAST_HEIGHT, f"gcode {path}: lays a bead at z = {lowest:g} m; must be above 0 m")
     beads = levelled(printer.beads, path)
     heights = heights_above_what_lies_below(beads)
     _, layers = np.unique(np.round([[bead.end[2] for bead in beads], heights], 7), axis=1, return_inverse=True)
@@ -237,9 +253,12 @@ def levelled(beads: list[Bead], path) -> list[Bead]:
             corners = (np.diff(np.arctan2(y, x)) + np.pi) % (2.0 * np.pi) - np.pi  # with that from the end to the start
             turns = round(abs(corners.sum()) / (2.0 * np.pi))
             gap, most = np.linalg.norm((points[-2] - points[0])[:2]), 0.5 * line[0].section ** 0.5
-            whole = "must be level, or a spiral of whole turns that ends above its start"
-            require(turns and gap <= most, f"gcode {path}: a bead rises at z = {z[0]:g} m; {whole}")
-            rise = round((z[-1] - z[0]) / turns, 7)
+            rise = round((z[-1] - z[0]) / max(turns, 1), 7)
+            require(
+                turns and rise > 0.0 and gap <= most,
+                f"gcode {path}: a bead rises at z = {z[0]:g} m; must be level, or a spiral of whole turns that ends "
+                "above its start",
+            )
             tops = z[0] + rise * np.ceil((0.5 * (z[1:] + z[:-1]) - z[0]) / rise - 1e-6)
             line = [
                 replace(bead, start=np.array([*bead.start[:2], top]), end=np.array([*bead.end[:2], top]))
@@ -257,22 +276,22 @@ def heights_above_what_lies_below(beads: list[Bead]) -> list[float]:
     last part of a line that rises, are nothing that a bead lies on.
     """
     ends = np.array([place[:2] for bead in beads for place in (bead.start, bead.end)])
-    cell = max(
-        0.25 * float(np.median([bead.section for bead in beads])) ** 0.5, float(np.ptp(ends, axis=0).max()) / 2000
-    )
+    roots = np.array([bead.section for bead in beads]) ** 0.5
+    cell = max(0.25 * float(np.median(roots)), 0.01 * float(roots.max()), float(np.ptp(ends, axis=0).max()) / 2000)
     low, heights = ends.min(0), []
-    margin = int(np.ceil(max(bead.section for bead in beads) ** 0.5 / cell)) * 4 + 1
+    margin = int(np.ceil(float(roots.max()) / cell)) * 4 + 1
     tops = np.zeros((2, *(np.ceil(np.ptp(ends, axis=0) / cell).astype(int) + 2 * margin + 1)))  # top, and below it
     for bead in beads:
         count = int(np.ceil(np.linalg.norm(bead.end - bead.start) / cell)) + 1
-        places, least = np.linspace(bead.start, bead.end, count), LEAST_STEP * bead.section**0.5
+        places, least = np.linspace(bead.start, bead.end, count), max(LEAST_STEP * bead.section**0.5, LEAST_HEIGHT)
         cells, z = np.round((places[:, :2] - low) / cell).astype(int) + margin, places[:, 2]
         gaps = z - tops[:, cells[:, 0], cells[:, 1]]
         gaps = np.where(gaps[0] >= least, gaps[0], np.where(gaps[1] >= least, gaps[1], z))
         heights.append(float(np.quantile(gaps, LEAST_PART, method="higher").round(7)))
         half = min(margin, int(0.5 * bead.section / heights[-1] / cell))
         square = np.stack(np.mgrid[-half : half + 1, -half : half + 1], -1).reshape(-1, 2)
-        around, at = (cells[:, None] + square).reshape(-1, 2).T, np.repeat(z, len(square))
+        some = np.r_[0 : count : max(1, half // 4), count - 1]  # whose squares overlap
+        around, at = (cells[some, None] + square).reshape(-1, 2).T, np.repeat(z[some], len(square))
         above = at - tops[0][tuple(around)] >= least
         tops[1][tuple(around[:, above])] = tops[0][tuple(around[:, above])]
         tops[0][tuple(around)] = at

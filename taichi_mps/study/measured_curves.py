@@ -12,7 +12,7 @@ import numpy as np
 from ..engine import Material, still
 from ..input.labels import OPTIONS, RESULTS, UNITS, in_words, title
 from ..spelling import in_unit, without_unit
-from ..units import SceneError, require, unit_of, user_path
+from ..units import require, unit_of, user_path
 from .calibration import FittedConstants, rounded
 from .tables import COLUMN_NAMES, ROW_ERROR, key_of, match_column, read_list, words_of
 
@@ -20,7 +20,8 @@ TIME_COLUMNS = (  # names of the column of the times
     "time times t elapsed elapsedtime seconds second sec secs s timestamp timeafterlifting timesincelifting "
     "zeit laufzeit zeitstempel sekunden temps tempsécoulé 時間 経過時間 時刻 秒"
 )
-FRAMES = re.compile(r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(\d+(?:\.\d+)?)\s*(?:fps|hz|1/s|/s)\W*")  # and their rate
+# the number of a picture, and the rate, which is not 0
+FRAMES = re.compile(r"(?i)\W*(?:frames?|bilde?r?|フレーム)\W+(?=[\d.]*[1-9])(\d+(?:\.\d+)?)\s*(?:fps|hz|1/s|/s)\W*")
 # words of the name of a column that names runs
 NAME_WORDS = "test concrete mix batch sample specimen name id no nr number probe versuch mischung 試験 配合 供試体 番号"
 MAX_GIVEN = 0.1  # part of the shear stress by constants that were given, up to which it counts as found
@@ -69,7 +70,7 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
     words, units = column_meanings(keywords, measures)
     rates = {column: float(at[1]) for column in rows[0] if (at := FRAMES.fullmatch(column or ""))}  # of frames [1/s]
     contents = {  # {column: (field, unit)}
-        column: ("time", "s") if column in rates else match_column(column, words, units.get)
+        column: ("time", "s") if column in rates else match_column(column, words, units.get, where)
         for column in rows[0]
         if column
     }
@@ -121,9 +122,11 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
 def number(cell: str, unit: str, si_unit: str, where: str) -> float:
     """Return a cell in the unit ``si_unit``, from its own unit or that of its column; nan for an empty one."""
     try:
-        return float(in_unit(si_unit, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
+        found = float(in_unit(si_unit, f"{cell} {unit * without_unit(cell)}".strip()) if cell else "nan")
     except ValueError:
-        raise SceneError(f"{where} = {cell}: must be a number{f' [{si_unit}]' if si_unit else ''}") from None
+        found = np.inf
+    require(abs(found) != np.inf, f"{where} = {cell}: must be a number{f' [{si_unit}]' if si_unit else ''}")
+    return found
 
 
 def measures_of(scene) -> list[str]:

@@ -49,7 +49,7 @@ SHIFT_JIS = re.compile(
 )
 BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 STANDARD = re.compile(r"(?i)(en|din|jis|jsce|astm|iso|bs|nf)\b")  # number of a standard in brackets
-UNIT = r"mm|cm|dm|m|in|inch|inches|ft|s|sec|min|kg/m\^?3|t/m\^?3|g/cm\^?3|kg/l|lb/ft\^?3|k?Pa|Pa[ .·*]?s|秒|sek"
+UNIT = r"mm|cm|dm|m|in|inch|inches|ft|s|ms|sec|min|kg/m\^?3|t/m\^?3|g/cm\^?3|kg/l|lb/ft\^?3|k?Pa|Pa[ .·*]?s|秒|sek"
 NAME_AND_UNIT = re.compile(rf"(?i)(.+?)(?:[\s,/_]|\s+in\s+)\s*({UNIT})\.?")  # name of a column without brackets
 
 
@@ -170,11 +170,11 @@ def is_unit(text: str, fields) -> bool:
     return bool(text) and not is_name and not STANDARD.match(text)
 
 
-def match_column(column: str, fields: dict[str, str], unit_of) -> tuple[str | None, str]:
+def match_column(column: str, fields: dict[str, str], unit_of, where: str = "") -> tuple[str | None, str]:
     """Return the field of a column by ``fields``, {key_of(name): field}, else None, and the unit in its name, else ''.
 
-    A unit of another kind than ``unit_of(field)`` raises SceneError; after a name of at most three letters, which may
-    be an abbreviation of something else, it gives None and ''.
+    A unit of another kind than ``unit_of(field)`` raises SceneError, which begins with ``where``; after a name of at
+    most three letters, which may be an abbreviation of something else, it gives None and ''.
     """
     text = unicodedata.normalize("NFKC", column)
     name = BRACKETS.sub(" ", text).strip()
@@ -189,7 +189,7 @@ def match_column(column: str, fields: dict[str, str], unit_of) -> tuple[str | No
         with suppress(ValueError):
             in_unit(si_unit, f"1 {unit}")
             return found, unit
-    require(len(key_of(name)) <= 3, f"column '{column}': its unit must be {si_unit} or one of that kind")
+    require(len(key_of(name)) <= 3, f"{where}column '{column}': its unit must be {si_unit} or one of that kind")
     return None, ""  # SF [kg/m3] is silica fume
 
 

@@ -57,6 +57,7 @@ class Trial:
     commands: list[list[str]]
     signal: int | None = None
     after: float = 0.0
+    refused: bool = False  # whether the first command must be
     seen: list[str] = field(default_factory=list)  # how each command ended
     failure: str | None = None
 
@@ -130,6 +131,20 @@ BODIES = (
     "return {y} + 1e30 * rate ** 4",
     "return no_such_name",
     "return ti.log(rate - 1.0)",
+    "return {y} + 20.0 * rate if rate > 1.0 else {y} + 20.0 * rate ** 2",
+    "if rate > 1.0:\n        return {y} + 20.0 * rate\n    return {y} + 20.0",
+    "return {y} + 20.0 * rate * (0.5 < rate < 1e9)",
+    "return {y} + max(20, 20 * rate) + (7 // 2) * rate",
+    "x = structure\n    while x < 3:\n        x += 1\n    return {y} + x * rate",
+    "return {y} + 20.0 * math.sqrt(rate)",
+)
+CUT = (  # what Taichi computes otherwise than Python: integers, nan
+    "x = 0\n    if rate > 0.0:\n        x = rate / (rate + 2.0)\n    return {y} + 20.0 * rate + 60.0 * x",
+    "x = 1\n    for k in range(3):\n        x += 0.5 + 0.25 * k\n    return {y} * x + 20.0 * x * rate",
+    "x = 2000000000\n    x = x + x\n    return {y} + 20.0 * rate + 1e-8 * x",
+    "x = 5 if rate < 0.0 else 0\n    x += rate / (1.0 + rate)\n    return {y} + 20.0 * rate + 90.0 * x",
+    "return {y} + 20.0 * rate + 0.0 * (rate - 0.5) ** 1.5",
+    "x = 0.0 * rate / rate\n    return {y} + 20.0 * rate + x",
 )
 MEASURES = (
     "return {'height_m': float(snapshot.x[:, 1].max())}",
@@ -143,17 +158,18 @@ MEASURES = (
 
 
 def random_law(dice, folder) -> Trial:
-    y, body = dice.choice([0.0, 50.0, 300.0, -1.0]), dice.choice(BODIES)
+    y, body = dice.choice([0.0, 50.0, 300.0, -1.0]), dice.choice(BODIES + CUT)
     parts = {
         "measure": dice.choice(MEASURES),
         "body": body.format(y=y),
         "yield_value": y,
         "arguments": dice.choice(["rate, structure"] * 4 + ["rate", "rate, structure, more", ""]),
         "reach": round(dice.uniform(0.04, 0.5), 3),
-        "taichi": "import taichi as ti\n" * ("ti." in body),
+        "taichi": "import math\n" * ("math." in body) + "import taichi as ti\n" * ("ti." in body),
     }
     (folder / "own.py").write_text(LAW.format(**parts))
-    return Trial("law", [["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]])
+    run = ["run", f"{folder}/own.py", "--threads=1", "--out", f"{folder}/run"]
+    return Trial("law", [run], refused=body in CUT)
 
 
 def random_signal(dice, folder) -> Trial:
@@ -220,6 +236,8 @@ def try_out(number: int, chosen, show=False) -> Trial:
             code, out, err, sent = run(words, *((trial.signal, trial.after) if k == 0 else ()))
             end, failure = judge(code, err, sent)
             trial.seen.append(end)
+            if trial.refused and end not in ("refused", "stopped"):
+                failure = failure or f"{end}, must be refused: {(folder / 'own.py').read_text()}"
             if show:
                 print(words, code, sent, out, err, sep="\n")
             if failure:

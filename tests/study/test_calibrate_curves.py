@@ -1,19 +1,27 @@
 """Constants from measured curves: known ones are recovered with valid intervals, files are read as people write them,
 and bad input is refused."""
 
+import csv
+import io
 import json
+import random
 import re
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import taichi_mps as mps
 from taichi_mps.study import calibrate_curves as curves
 from taichi_mps.study.measured_curves import SHEAR_RATES, measures_of, read_curves
+from taichi_mps.study.tables import read_list
 
 pytest.importorskip("scipy")
+if settings.get_current_profile_name() == "default":
+    settings.load_profile("quick")
 
 TRUE = {"yield_value": 420.0, "plastic_viscosity": 65.0}
 BODY = {"model": "axisymmetric", "spacing": 0.02}
@@ -138,6 +146,7 @@ def test_what_a_curve_does_not_determine_is_told(tmp_path, exact):
         ("test,elapsed time [s],Spread diameter [cm]\n1,0,20\n1,1,25\n", [0.0, 1.0], [0.2, 0.25], ["'test'"]),
         ("経過時間 (s),diameter [mm],concrete\n0,200,A\n2,250,A\n", [0.0, 2.0], [0.2, 0.25], ["'concrete'"]),
         ("frame (25 fps),slump flow [cm]\n0,20\n5,25\n", [0.0, 0.2], [0.2, 0.25], []),
+        ("elapsed_ms,diameter_mm\n1000,200\n2000,nan\n", [1.0], [0.2], []),
         ("Time after lifting (s),diameter [mm]\n1,200\n2,250\n", [1.0, 2.0], [0.2, 0.25], []),
     ],
 )
@@ -176,23 +185,10 @@ def test_columns_that_are_keywords_of_the_scene_make_runs_of_their_own(tmp_path)
     ]
 
 
-def test_names_tell_runs_apart(tmp_path):
-    """Two specimens in one film are two tests of the same settings, and so are end values by name."""
-    keywords, known = (
-        mps.catalogue.load("slump").parameters.model_fields,
-        measures_of(mps.catalogue.build("slump", **BODY)),
-    )
-    (tmp_path / "film.csv").write_text("test,time [s],slump [mm]\n1,0,4\n1,1,5\n2,0,6\n2,1,7\n")
-    curves = read_curves(tmp_path / "film.csv", keywords, known)
-    assert [(each.test.name, each.values.tolist()) for each in curves] == [
-        ("film.csv, test 1", [0.004, 0.005]),
-        ("film.csv, test 2", [0.006, 0.007]),
-    ]
+def test_end_values_are_told_apart_by_name(tmp_path, slump):
     (tmp_path / "film.csv").write_text("mix no,slump [mm]\nA,4\nB,5\n")
-    assert [each.test.name for each in read_curves(tmp_path / "film.csv", keywords, known)] == [
-        "film.csv, mix no A",
-        "film.csv, mix no B",
-    ]
+    names = [each.test.name for each in read_curves(tmp_path / "film.csv", *slump)]
+    assert names == ["film.csv, mix no A", "film.csv, mix no B"]
 
 
 def test_a_constant_that_was_given_is_not_told_as_known(tmp_path, exact):
@@ -227,8 +223,15 @@ FIVE = "0,20\n1,21\n2,22\n3,23\n4,24\n"
         ),
         ("time [s],slump flow [cm]\n" + FIVE, "--free critical_strain_rate", "= None: is where the search begins"),
         ("\n", "", "is empty; must be a CSV file"),
-        ("time [s],slump flow [kg]\n" + FIVE, "", "its unit must be m or one of that kind"),
+        (
+            "time [s],slump flow [kg]\n" + FIVE,
+            "",
+            "c.csv: column 'slump flow [kg]': its unit must be m or one of that kind",
+        ),
         ("time [s],slump flow [cm]\n0,far\n" + FIVE, "", "row 1, slump flow [cm] = far: must be a number [m]"),
+        ("time [s],slump flow [cm]\n0,inf\n" + FIVE, "", "row 1, slump flow [cm] = inf: must be a number [m]"),
+        ("time [s],slump flow [cm]\n" + FIVE + "1e999,2", "", "row 6, time [s] = 1e999: must be a number [s]"),
+        ("frame (0 fps),slump flow [cm]\n" + FIVE, "", "not used: 'frame (0 fps)'"),
         ("moment [s],slump flow [cm]\n" + FIVE, "", "row 2: nothing tells it from a row before; must have a column of"),
         ("time [s],height [cm],slump flow [cm]\n" + "1,30,20\n" * 5, "--height 0.3", "height is a column of it"),
         ("time,slump flow\n" + FIVE, "", "spread_m = 24 m: must be at most 2.2 m, or have a unit, as in [cm]"),
@@ -271,3 +274,107 @@ def test_the_engine_finds_its_own_constants(tmp_path, monkeypatch, capsys):
         assert told["constants"][name]["value"] == pytest.approx(value, rel=0.03)
     assert "runs" in capsys.readouterr().err and (tmp_path / "s" / "chart.png").is_file()
     assert f"yield_value = {told['constants']['yield_value']['value']}" in (tmp_path / "s" / "case.toml").read_text()
+
+
+# ---- any table ------------------------------------------------------------------------------------------------------
+HEADS = {  # names of a column, and its unit in SI units
+    "time": {
+        "time [s]": 1.0,
+        "Laufzeit (min)": 60.0,
+        "elapsed time, ms": 1e-3,
+        "t": 1.0,
+        "frame (25 fps)": 0.04,
+        "秒": 1.0,
+    },
+    "spread_m": {"slump flow [mm]": 1e-3, "Setzfließmaß (cm)": 0.01, "Diameter in inches": 0.0254, "spread_m": 1.0},
+    "slump_m": {"slump": 1.0, "スランプ [cm]": 0.01, "Setzmaß_mm": 1e-3},
+    "test": {"test": 1.0, "Probe Nr.": 1.0, "mix": 1.0, "供試体": 1.0},
+    "unused": {"edge points": 1.0, "temperature [°C]": 1.0},
+}
+ROW = st.fixed_dictionaries(
+    {"time": st.integers(0, 15000).map(lambda number: 0.04 * number), "unused": st.integers(0, 9)}
+    | {name: st.none() | st.integers(0, 9999).map(lambda number: 1e-4 * number) for name in ("spread_m", "slump_m")}
+)
+
+
+def table_of(rows, dice) -> bytes:
+    """Rows {column: number or None, test: name} in columns, units, signs and an encoding that change nothing."""
+    names = ["time", "spread_m", "slump_m", *["unused"] * dice.choice([0, 1]), *["test"] * ("test" in rows[0])]
+    names = dice.sample(names, len(names))
+    heads = {name: dice.choice([*HEADS[name].items()]) for name in names}
+    sign, comma = dice.choice([*zip(",;;\t\t,", "..,.,,", strict=True)])
+
+    def cell(row, name):
+        if name == "test" or row[name] is None:
+            return row[name] or dice.choice(["", "", "nan"])
+        own = {"spread_m": (0.01, " cm"), "slump_m": (1e-3, "mm")}.get(name) if dice.random() < 0.2 else None
+        size, unit = own or (heads[name][1], "")
+        return f"{row[name] / size:.9f}".replace(".", comma) + unit
+
+    file = io.StringIO()
+    lines = csv.writer(file, delimiter=sign, lineterminator=dice.choice(["\n", "\r\n"]))
+    file.write(dice.choice(["", "", f"sep={sign}\n", "# a film; 25 fps, 2 cm\n", "\n\n"]))
+    lines.writerow([heads[name][0] for name in names])
+    for row in dice.choice([rows, sorted(rows, key=lambda row: row.get("test", ""))]):
+        lines.writerow([cell(row, name) for name in names])
+        lines.writerows([[]] * dice.choice([0, 0, 0, 1]))
+    return file.getvalue().encode(dice.choice(["utf-8", "utf-8-sig", "utf-16"]))
+
+
+@pytest.fixture(scope="module")
+def slump():
+    """Keywords and measures of a slump."""
+    return mps.catalogue.load("slump").parameters.model_fields, measures_of(mps.catalogue.build("slump", **BODY))
+
+
+@pytest.mark.filterwarnings("ignore:curve")
+@given(st.lists(ROW, min_size=1, max_size=6), st.sampled_from(["", "A", "AB"]), st.integers(0, 10**9))
+def test_a_table_gives_the_same_curves_in_all_its_spellings(tmp_path, slump, rows, names, seed):
+    """Whatever the columns are called and in which unit, order, sign and encoding they are, and in runs side by side or
+    after each other: each number that is there is in the curve of its run and measure."""
+    dice = random.Random(seed)
+    rows = [row | {"test": dice.choice(names)} if names else row for row in sorted(rows, key=lambda row: row["time"])]
+    (tmp_path / "c.csv").write_bytes(table_of(rows, dice))
+    found = {(each.test.name[-1], each.measure): each for each in read_curves(tmp_path / "c.csv", *slump)}
+    several, known = len({row.get("test") for row in rows}) > 1, {}
+    for row, name in ((row, name) for row in rows for name in ("spread_m", "slump_m") if row[name] is not None):
+        known.setdefault((row["test"] if several else "v", name), []).append((row["time"], row[name]))
+    assert found.keys() == known.keys()
+    for key, points in known.items():
+        np.testing.assert_allclose(np.transpose([found[key].times, found[key].values]), points, atol=1e-7)
+
+
+MEASURED = {"sl", "di", "t5"}  # how the names of its columns begin
+COLUMNS = (
+    """frame (0 fps)|frame (5 fps)|yield stress|test|height [cm]|t|slump|slump [K]||note|#|diameter|slump_max_m|t500"""
+)
+ODD = """nan|inf|-inf|1e999|-1|1e-300|1e300|abc||1,5|1,234|"|#|é|30 cm|3 kg|1 2|0|5|5|9"""
+
+
+@pytest.mark.filterwarnings("ignore:curve")
+@given(
+    st.sampled_from([[], ["time [s]"], ["time [s]", "slump flow [cm]"], ["time [s]", "slump [mm]"]]),
+    st.lists(st.sampled_from(COLUMNS.split("|")), max_size=2, unique=True),
+    st.integers(1, 9),
+    st.dictionaries(st.tuples(st.integers(0, 8), st.integers(0, 4)), st.sampled_from(ODD.split("|")), max_size=3),
+    st.sampled_from(",;\t"),
+    st.just(b"") | st.binary(max_size=2),
+)
+def test_any_table_is_read_whole_or_refused_in_one_line(tmp_path, slump, exact, known, more, count, odd, sign, noise):
+    """No number of a measure is left out, and what is read is fitted or refused, too."""
+    width = len(known + more)
+    rows = [[odd.get((k, j), f"{k + 20 * (j > 0)}") for j in range(width + ((k, 4) in odd))] for k in range(count)]
+    text = "\n".join(sign.join(cells) for cells in (known + more, *rows))
+    (tmp_path / "c.csv").write_bytes(text.encode() + noise)
+    try:
+        with np.errstate(divide="raise", over="raise", invalid="raise"):
+            there = list(read_curves(tmp_path / "c.csv", *slump))
+            cells = [
+                cell for row in read_list(tmp_path / "c.csv") for name, cell in row.items() if name[:2] in MEASURED
+            ]
+            assert sum(len(each.values) for each in there) == sum(cell not in ("", "nan") for cell in cells)
+            assert all(np.isfinite([*each.values, *each.times]).all() for each in there)
+            assert all((np.diff(each.times, prepend=0.0) >= 0.0).all() for each in there)
+            found(tmp_path, str(tmp_path / "c.csv"), name=f"{len(exact)}", finer=False, spacing=0.02)
+    except mps.SceneError as refusal:
+        assert "\n" not in str(refusal) and re.search(r"^curve = .*c\.csv|^until = |^height = ", str(refusal))
