@@ -37,7 +37,7 @@ from taichi_mps.viz import film
 from tests.support.cube import CORNERS, CUBE
 from tests.support.recorded import contents, recorded
 
-if settings.get_current_profile_name() == "default":
+if settings.get_current_profile_name() in ("default", "ci"):
     settings.load_profile("quick")
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import taichi_mps as mps
 from taichi_mps.input.tool_path import read_gcode
 
-if settings.get_current_profile_name() == "default":
+if settings.get_current_profile_name() in ("default", "ci"):
     settings.load_profile("quick")
 
 FILAMENT = 0.004  # [m]

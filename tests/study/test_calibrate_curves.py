@@ -20,7 +20,7 @@ from taichi_mps.study.measured_curves import SHEAR_RATES, measures_of, read_curv
 from taichi_mps.study.tables import read_list
 
 pytest.importorskip("scipy")
-if settings.get_current_profile_name() == "default":
+if settings.get_current_profile_name() in ("default", "ci"):
     settings.load_profile("quick")
 
 TRUE = {"yield_value": 420.0, "plastic_viscosity": 65.0}
