@@ -216,7 +216,7 @@ def test_a_divergence_exits_3_and_names_the_file_to_resume_from(work):
     assert np.isfinite(kept.state["x"]).all() and np.isfinite(kept.state["u"]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
     here = work / "alone"
     words = [ROOT / "scenes" / "slump.py", "--yield-value", "300", "--spacing", "0.05", "--until", "0.02"]

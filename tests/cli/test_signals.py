@@ -48,7 +48,7 @@ def hang_up():
         pytest.param("start", signal.SIGINT, marks=pytest.mark.slow),
         pytest.param("steps", signal.SIGTERM, marks=pytest.mark.long),
         pytest.param("steps", signal.SIGINT, marks=pytest.mark.long),
-        pytest.param("steps", signal.SIGHUP, marks=pytest.mark.slow),
+        pytest.param("steps", signal.SIGHUP, marks=pytest.mark.long),
     ],
 )
 def test_a_signal(tmp_path, number, moment):

@@ -347,7 +347,7 @@ MORTAR = {
     "settings",
     [
         pytest.param({"spacing": 0.01, "model": "axisymmetric"}, id="rings", marks=pytest.mark.long),
-        pytest.param(MORTAR | {"yield_value": 200.0}, id="mortar", marks=pytest.mark.slow),
+        pytest.param(MORTAR | {"yield_value": 200.0}, id="mortar", marks=pytest.mark.long),
         pytest.param({}, id="hinged", marks=pytest.mark.long),
     ],
 )

@@ -384,7 +384,7 @@ def test_a_neighbour_list_is_kept_while_nobody_went_far(free):
 @pytest.mark.parametrize(
     ("yield_value", "until", "stopped_by"),
     [
-        pytest.param(100.0, 0.5, "time", marks=pytest.mark.slow),
+        pytest.param(100.0, 0.5, "time", marks=pytest.mark.long),
         pytest.param(500.0, 2.0, "unyielded", marks=pytest.mark.long),
     ],
 )

@@ -258,7 +258,7 @@ def test_floor_and_sides_bear_the_weight_of_a_pool_with_a_disc_on_its_floor():
     assert sim.scheme.contacts.force[0][1] > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_grains_in_a_yield_stress_that_holds_them_stand_without_creep():
     """In 60 Pa, heavier by 300 kg/m3: their weight over tau_y D is 1.5, the limit for a disc about 12. What is left is
     the settling of the pool, which dies away."""
