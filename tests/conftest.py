@@ -58,8 +58,8 @@ LONGEST = (
 # the docs, and what a browser shows: in .ci/run after the default suite
 PAGES = ("app/test_app.py", "benchmarks/test_explore.py", "report/test_page.py", "test_docs.py")
 
-# each term, solver and wall, and a resume, in three minutes on two cores: what .ci/run repeats with the lowest versions
-# and on the other kernel language
+# each term, solver and wall, and a resume, in three minutes on two cores: what .ci/run repeats on the other kernel
+# language
 CORE = (
     "runtime/test_backend.py",
     "runtime/test_workarounds.py",

@@ -155,7 +155,7 @@ def test_what_a_wall_that_moves_comes_near_takes_part_and_the_far_end_does_not(w
     assert met > 10
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_floor_carries_the_weight_of_what_is_left_out():
     """The floor carries the whole weight at each output, although most of the layer is left out between outputs."""
     sim, found = mps.Simulation(layer(length=1.0), mps.Implicit(sleep="on", wall_loads=True)), []

@@ -45,7 +45,7 @@ def test_a_body_of_which_every_particle_has_a_twin_has_lost_half_of_its_volume(d
         sim.step()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_all_that_a_hole_in_a_full_closed_box_lacks_is_wanted():
     """A hole in a full box cannot be a void: with one particle of 16 x 16 missing, 12 % of the packing around it, and
     all moving as u_x = y, a step with little strain corrects a twentieth of it times its strain over 0.02, and

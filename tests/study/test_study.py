@@ -296,7 +296,7 @@ def test_a_run_of_a_study_tells_its_warnings_in_its_row_and_not_on_the_screen(tm
     assert f"({row['reason']})" in outcome(row) and not any(each.category is UserWarning for each in recwarn)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_case_of_a_flow_table_has_its_flow():
     """The flow is the spread after the last jolt over the mould's foot of 200 mm."""
     how = {"spacing": 0.02, "model": "axisymmetric", "wait": 0.3, "period": 0.3}

@@ -21,7 +21,7 @@ CHEAP = (  # which take longer or lie between those of CHEAPEST: not in the CI
     *(f"slump_500_{name}" for name in ("axisymmetric", "quarter", "coarse", "fine_axisymmetric")),
     *(f"slump_1000{name}" for name in ("", "_axisymmetric", "_quarter", "_fine_axisymmetric")),
     *("film_bingham_05", "film_at_yield", "film_viscosity_ratio", "cessation_channel"),
-    *("rotating_disc", "square_patch", "stretched_block", "elliptical_drop"),
+    *("rotating_disc", "square_patch", "stretched_block", "elliptical_drop", "couette", "dam_break_front"),
     "square_patch_fine",  # tension tears what is not shifted back: a hole of 1.3 l0 opened at 60 across, none at 40
 )
 CHEAPEST_OF_THE_PAPERS = "dam_break_front", "square_patch", "elliptical_drop", "rotating_disc", "rotating_sphere"
