@@ -79,7 +79,7 @@ class PCG:
         max_reduction : float
             It ends in any case where sqrt((r, z)) is this times its first value [-].
         """
-        self.begin(warm_start)
+        self.set_start(warm_start)
         for _ in range(warm_start, 2):  # to the guess, and from it
             self.iterate(limit, tolerance, min_reduction, max_reduction)
         return self.iterations
@@ -135,7 +135,7 @@ class PCG:
 
     # ---- start ----------------------------------------------------------------------------------------------
     @team_stage("start")
-    def begin(self, warm_start: ti.i32):
+    def set_start(self, warm_start: ti.i32):
         """Set x and r at which iterations begin, z = M^-1 r, and (r, z)."""
         if warm_start != 0:
             self.continue_last()
