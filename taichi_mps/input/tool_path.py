@@ -40,7 +40,8 @@ class Bead:
     """A straight line that a nozzle lays.
 
     From ``start`` to ``end`` (3,) [m], places of the nozzle, from the time ``begin`` [s] on for ``duration`` [s], with
-    a ``volume`` [m3], in layer number ``layer`` from 0 on, at a ``height`` [m] above what lies below it.
+    a ``volume`` [m3], in layer number ``layer`` from 0 on, at a ``height`` [m] above what lies below it; by a ``line``
+    of a file.
     """
 
     start: np.ndarray
@@ -50,6 +51,7 @@ class Bead:
     volume: float
     layer: int = 0
     height: float = 0.0
+    line: int = 0
 
     @property
     def section(self) -> float:
@@ -69,7 +71,7 @@ class Printer:
         self.rate, self.filament, self.dialect, self.feeds_along = rate, filament, dialect, feeds_along
         self.unit, self.position, self.speed, self.time = 1e-3, np.zeros(3), 0.0, 0.0
         self.extruded = self.max_extruded = 0.0  # length of filament by E, and its largest value so far [m]
-        self.absolute = self.absolute_e = True
+        self.absolute, self.absolute_e, self.line = True, True, 0
         self.motion = ""  # code of the last motion, which a line without a code repeats
         self.macros: dict[str, None] = {}  # names of what is no G-code, in their order
         self.beads: list[Bead] = []
@@ -158,7 +160,7 @@ class Printer:
             )
             for start, place, part in zip([self.position, *places], places, lengths / length, strict=False):
                 if volume and part:
-                    self.beads.append(Bead(start, place, self.time, part * duration, part * volume))
+                    self.beads.append(Bead(start, place, self.time, part * duration, part * volume, line=self.line))
                 self.time += part * duration
         self.position = target
 
@@ -217,21 +219,21 @@ def read_gcode(path, rate=None, filament=None, dialect: Dialect = "auto") -> lis
     Raises
     ------
     SceneError
-        For an unsupported code or a bead that rises steeply, with its line; or if no bead is laid.
+        With the line of an unsupported code, or of a bead that rises steeply or lies at 0 m; or if no bead is laid.
     """
     text = regular_file(f"gcode {path}", path, MAX_BYTES).read_text(encoding="utf-8-sig", errors="replace")
     dialect = dialect_of(path) if dialect == "auto" else dialect
     printer = Printer(rate, filament, dialect, bool(FED_ALONG.search(text)))
-    for number, line in enumerate(text.split("\n"), 1):
+    for printer.line, line in enumerate(text.split("\n"), 1):
         try:
             printer.execute(line)
         except SceneError as error:
-            raise SceneError(f"gcode {path}, line {number}: {error}") from None
+            raise SceneError(f"gcode {path}, line {printer.line}: {error}") from None
     if printer.macros:
         warnings.warn(f"gcode {path}: not executed: {', '.join(printer.macros)}", stacklevel=2)
     require(printer.beads, f"gcode {path}: lays nothing; G1 must have E, or print_rate be given")
-    lowest = min(max(bead.start[2], bead.end[2]) for bead in printer.beads)
-    require(lowest > LEAST_HEIGHT, f"gcode {path}: lays a bead at z = {lowest:g} m; must be above 0 m")
+    z, line = min((max(bead.start[2], bead.end[2]), bead.line) for bead in printer.beads)
+    require(z > LEAST_HEIGHT, f"gcode {path}, line {line}: lays a bead at z = {z:g} m; must be above 0 m")
     beads = levelled(printer.beads, path)
     heights = heights_above_what_lies_below(beads)
     _, layers = np.unique(np.round([[bead.end[2] for bead in beads], heights], 7), axis=1, return_inverse=True)
@@ -256,8 +258,8 @@ def levelled(beads: list[Bead], path) -> list[Bead]:
             rise = round((z[-1] - z[0]) / max(turns, 1), 7)
             require(
                 turns and rise > 0.0 and gap <= most,
-                f"gcode {path}: a bead rises at z = {z[0]:g} m; must be level, or a spiral of whole turns that ends "
-                "above its start",
+                f"gcode {path}, line {line[0].line}: a bead rises at z = {z[0]:g} m; must be level, or a spiral of "
+                "whole turns that ends above its start",
             )
             tops = z[0] + rise * np.ceil((0.5 * (z[1:] + z[:-1]) - z[0]) / rise - 1e-6)
             line = [

@@ -221,7 +221,7 @@ def test_a_tool_path_is_read_as_it_is_written(written):
         (FLAT + "hello\n", "line 11: hello: cannot be read"),
         ("X10 E5\n", "line 1: X10 E5: cannot be read"),
         ("G1 X10 E5\n", "line 1: G1: must have a speed F above 0"),
-        ("G1 X10 E5 F600\n", "lays a bead at z = 0 m; must be above 0 m"),
+        ("G1 X10 E5 F600\n", "line 1: lays a bead at z = 0 m; must be above 0 m"),
         (FLAT + "G1 X Y5 E130\n", "line 11: G1 X: must have a number of at most 1e.06"),
         (FLAT + f"G1 X{'9' * 400} E130\n", "line 11: G1 X: must have a number of at most 1e.06"),
         (FLAT + "G91 X5 E130\n", "line 11: G91 XE: must be on a line with G0, G1, G2 or G3"),
@@ -229,8 +229,11 @@ def test_a_tool_path_is_read_as_it_is_written(written):
         (FLAT + "X5 G1 Y5 E130\n", "line 11: X5 G1 Y5 E130: cannot be read"),
         (FLAT + "G2 X0 I-50 P2\n", "line 11: G2 P: more circles than one are not known"),
         (FLAT + "G0 F-60\nG1 X5 E130\n", "line 12: G1: must have a speed F above 0"),
-        ("M83\nG0 X100 Z30 F6000\nG3 I-100 Z10 E50\n", " ?a bead rises at z = 0.03 m; must be level, or a spiral"),
-        ("M83\nG0 Z.00001 F6000\nG1 X9 E5\n", "lays a bead at z = 1e-08 m; must be above 0 m"),
+        (
+            "M83\nG0 X100 Z30 F6000\nG3 I-100 Z10 E50\n",
+            "line 3: a bead rises at z = 0.03 m; must be level, or a spiral",
+        ),
+        ("M83\nG0 Z.00001 F6000\nG1 X9 E5\n", "line 3: lays a bead at z = 1e-08 m; must be above 0 m"),
         ("G0 Z5 F600\nG0 X10\n", "lays nothing; G1 must have E, or print_rate be given"),
     ],
 )
