@@ -61,14 +61,16 @@ def scene(
     ] = "above",
     fill_ratio: Ratio = Field(0.95, description="fraction of the form that is poured"),
     sides: Literal["smooth", "rough"] = "smooth",
+    model: Annotated[Literal["half", "full"], WALL] = "half",
     measure_pressure: Annotated[bool, WALL] = Field(False, description="measure the pressure on the sides"),
     until: Annotated[
         Duration | None, Field(description=f"time limit, by default {AFTER:g} s after pouring, {LEAST:g} s at least")
     ] = None,
 ) -> mps.Scene:
     """Half of the form, cut along its middle plane y = 0, and the curtain in it: upright bars and, inside of them,
-    level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY) in its place. A hose that is lowered into the form
-    must fit between the two curtains. With ``form`` the whole of a body from CAD, without bars but those of ``rebar``.
+    level ones; or the mesh of the file ``rebar`` (STL, OBJ, PLY) in its place; or all of it, as grains need it. A hose
+    that is lowered into the form must fit between the two curtains. With ``form`` the whole of a body from CAD, without
+    bars but those of ``rebar``.
     """
     if spacing > hose_diameter / 3.0 * (1.0 + 1e-9):
         raise mps.SceneError(f"spacing = {spacing:g} m: must be at most a third of the hose, {hose_diameter / 3.0:g} m")
@@ -87,7 +89,9 @@ def scene(
             f"width = {width:g} m: must be at least {2 * (cover + 2.2 * bar_diameter):.3g} m for cover and bars"
         )
     with tempfile.TemporaryDirectory() as folder:
-        ends = curtain(length, height, bar_diameter, bar_distance, upright, level)
+        one = curtain(length, height, bar_diameter, bar_distance, upright, level)
+        both = np.vstack([one, one * (1.0, -1.0, 1.0)])
+        ends, low, part = (both, -half, 1.0) if model == "full" else (one, 0.0, 0.5)
         path = rebar or mps.write_bars(Path(folder) / "rebar.stl", ends, 0.5 * bar_diameter)
         cell, reach = min(0.5 * spacing, 0.4 * bar_diameter), 2.5 * spacing
         bars = mps.Solid.from_mesh(path, cell, reach, scale=rebar_scale if rebar else 1.0, name="bars")
@@ -96,24 +100,27 @@ def scene(
         mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), slip=smooth, name="near"),
         mps.Plane((length, 0.0, 0.0), (-1.0, 0.0, 0.0), slip=smooth, name="far"),
         mps.Plane((0.0, half, 0.0), (0.0, -1.0, 0.0), slip=smooth, name="side"),
-        mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True),
+        mps.Plane(
+            (0.0, low, 0.0), (0.0, 1.0, 0.0), slip=smooth and model == "full", mirror=model == "half", name="back"
+        ),
         bars,
     )
-    cavity = mps.Cavity((0.0, 0.0, 0.0), (length, half, height), walls, spacing)
-    room = 2.0 * float(cavity.cells.sum() * np.prod(cavity.cell))
+    cavity = mps.Cavity((0.0, low, 0.0), (length, half, height), walls, spacing)
+    room = float(cavity.cells.sum() * np.prod(cavity.cell)) / part
     mouth = (0.5 * hose_diameter + spacing, 0.0, height + FREE)
     poured = fill_ratio * room
     path = None if hose == "above" else way(hose == "moving", length - 2.0 * mouth[0], height, poured / rate)
     if path is not None:
         require_room(bars, mouth, path, hose_diameter, spacing)
     inlet = mps.Inlet(mouth, (0.0, 0.0, -1.0), 0.5 * hose_diameter, rate, poured, path=path)
-    lines = [] if rebar else [bar * (1.0, side, 1.0) for bar in ends for side in (-1.0, 1.0)]
+    lines = [] if rebar else list(both)
     form = [(0.0, height), (0.0, 0.0), (length, 0.0), (length, height)]
 
     def measure(s):
         """Return the largest horizontal distance [m] of the concrete from the hose."""
         ends = [mps.measure.level(s, (x, -0.5 * half), (x + 0.1, 0.5 * half)) for x in (0.0, length - 0.1)]
         found = {"front_m": mps.measure.front(s)["front_m"], "near_m": ends[0], "far_m": ends[1]}
+        found |= mps.measure.grains(s)
         known = s.loads and np.isfinite(s.loads["side"].forces).all()  # not before the first step
         return found | (pressures(s, 0.5 * sum(ends)) if known else {})
 
@@ -128,6 +135,8 @@ def scene(
         """Mean pressure [Pa] on the sides in layers of the height, and the hydrostatic one of the lowest below the
         level [m]."""
         outward = s.loads["side"].forces[:, 1] * np.sign(s.x[:, 1])
+        if model == "full":
+            outward = s.loads["side"].forces[:, 1] - s.loads["back"].forces[:, 1]
         mean = mps.measure.by_height(s, outward, edges) / (2.0 * length * np.diff(edges))
         hydrostatic = in_layers("hydrostatic", weight * np.maximum(0.0, level - middle))
         return in_layers("pressure", mean) | dict(list(hydrostatic.items())[:1])
@@ -150,11 +159,12 @@ def scene(
     def check(s, measures):
         """Check that the poured concrete is in the form, in no bar, complete, and as high as its volume requires."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through the form or into a bar"
-        layers = len(s.x) * spacing**3 / (0.5 * inlet.layer_volume(spacing))
-        assert abs(layers - round(layers)) < 1e-6 and layers < inlet.layers(spacing) + 0.5, layers
+        layers = len(s.x) * spacing**3 / (part * inlet.layer_volume(spacing))
+        assert s.grain.any() or abs(layers - round(layers)) < 1e-6, layers  # a grain comes with its first layer
+        assert layers < inlet.layers(spacing) + 0.5, layers
         report = cavity.report(s)
         if round(layers) == inlet.layers(spacing) and s.speed.mean() < 0.01:
-            poured = len(s.x) * spacing**3 / (0.5 * room)
+            poured = len(s.x) * spacing**3 / (part * room)
             assert abs(report["filled_ratio"] - poured) < 0.03, (report, poured)
 
     return mps.Scene(
@@ -165,7 +175,7 @@ def scene(
         inlets=(inlet,),
         cavity=cavity,
         walls=walls,
-        domain=((-spacing, -spacing, -spacing), (length + spacing, half + spacing, mouth[2] + 4 * spacing)),
+        domain=((-spacing, low - spacing, -spacing), (length + spacing, half + spacing, mouth[2] + 4 * spacing)),
         until=max(LEAST, poured / rate + AFTER) if until is None else until,
         stop_at_rest=True,
         wall_loads=measure_pressure,
@@ -201,13 +211,15 @@ def cast(material, form, bars, opening, reach, spacing, fill_point, hose_diamete
 
     def measure(s):
         """Return the largest horizontal distance [m] of the concrete from the hose."""
-        return {"hose_distance_m": float(np.hypot(s.x[:, 0] - x, s.x[:, 1] - y).max() + 0.5 * s.spacing)}
+        distance = float(np.hypot(s.x[:, 0] - x, s.x[:, 1] - y).max() + 0.5 * s.spacing)
+        return {"hose_distance_m": distance} | mps.measure.grains(s)
 
     def check(s, measures):
         """Check that the poured concrete is in the form, in no bar, and complete."""
         assert mps.measure.clearance(s, walls) > 0.0, "leak through the form or into a bar"
         layers = len(s.x) * spacing**3 / inlet.layer_volume(spacing)
-        assert abs(layers - round(layers)) < 1e-6 and layers < inlet.layers(spacing) + 0.5, layers
+        assert s.grain.any() or abs(layers - round(layers)) < 1e-6, layers
+        assert layers < inlet.layers(spacing) + 0.5, layers
 
     return mps.Scene(
         name="wall",

@@ -233,12 +233,13 @@ class Checkpoint:
             np.all((mix >= 0) & (mix < mixes)),
             f"checkpoint: mix: must be from 0 to {mixes - 1}, the mixes of the scene",  # a kernel would read beyond
         )
-        slot, members = np.sort(self.state.get("slot", np.zeros(0))), 0
-        if scene.grains:
-            members = int((scene.grain_places[0] > 0).sum())
+        slot = np.sort(self.state.get("slot", np.zeros(0, int)))
+        slot, of = slot[slot != 0], np.sort(scene.grain_places[0]) if scene.grains else np.zeros(0, int)
+        of = of[of > 0]  # grain of each slot
+        whole = np.isin(of, of[slot[(slot > 0) & (slot <= len(of))] - 1]) if scene.inlets else of > 0
         require(
-            np.array_equal(slot[slot != 0], 1 + np.arange(members)),
-            f"checkpoint: slot: must have each of the {members} particles in grains of the scene once",
+            np.array_equal(slot, 1 + np.flatnonzero(whole)),
+            f"checkpoint: slot: must have each of the {len(of)} particles in grains of the scene once",
         )
         layers, poured = [inlet.layers(scene.spacing) for inlet in scene.inlets], self.state.get("pouring", [])
         require(
@@ -274,7 +275,7 @@ class Checkpoint:
         sim = Simulation(problem, profile=profile)
         rows = sim.particles.count[None]
         for pouring, (entered, _) in zip(sim.pouring, self.state.get("pouring", []), strict=True):
-            rows += (entered - pouring.entered) * len(pouring.layer)
+            rows += pouring.particles(entered) - pouring.particles(pouring.entered)
         for key, array in sim.particles.read().items():
             found, right = np.shape(self.state.get(key)), (rows, *array.shape[1:])
             require(found == right, f"checkpoint: {key} has the shape {found}; must have {right}")

@@ -90,19 +90,22 @@ def surface_of(scene, part: Snapshot, cube: float, fields) -> tuple[Snapshot, np
 def grains_of(scene, s: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Grains of a body, or all spheres of their clumps: centres (g, d) [m]; radii (g,) [m] of spheres or discs as large
     as their particles together; rows (g,) of their diameters among those of the scene, the smallest first; and how far
-    each grain has come since 0 s (g,) [m], along axes that are not periodic."""
+    each grain has come since 0 s (g,) [m], of a hose within it, along axes that are not periodic."""
     rows = np.argsort(s.grain, kind="stable")[np.count_nonzero(s.grain == 0) :]
-    _, first, count = np.unique(s.grain[rows], return_index=True, return_counts=True)
+    there, first, count = np.unique(s.grain[rows], return_index=True, return_counts=True)
     (low, high), periodic = np.array(scene.domain, float), np.array(scene.periodic)
 
     def centres(x):
-        x, start = x[rows], x[rows[first]]
+        start = x[first]
         arms = x - np.repeat(start, count, axis=0)
         arms -= periodic * (high - low) * np.round(arms / (high - low))  # of a grain on both sides of a period
         middle = np.add.reduceat(arms, first) / count[:, None]
         return start + middle, arms - np.repeat(middle, count, axis=0)
 
-    (now, arms), (before, own), d = centres(s.x), centres(scene.fluid), s.x.shape[1]
+    number, bodies = scene.grain_places[0], [scene.fluid, *(stream.x for stream in scene.streams)]
+    at_first = np.argsort(number, kind="stable")[np.count_nonzero(number == 0) :]
+    at_first = at_first[np.isin(number[at_first], there)]
+    (now, arms), (before, own), d = centres(s.x[rows]), centres(np.vstack(bodies)[at_first]), s.x.shape[1]
     radii = s.spacing * (count / (np.pi if d == 2 else 4.0 / 3.0 * np.pi)) ** (1.0 / d)
     kinds = np.abs(2.0 * radii[:, None] - np.sort(scene.grains.diameters)).argmin(1)
     way = np.linalg.norm((now - before) * ~periodic, axis=1)
@@ -110,7 +113,7 @@ def grains_of(scene, s: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     if len(parts) > 1:  # turned as its particles are
         u, _, v = np.linalg.svd(np.add.reduceat(arms[:, :, None] * own[:, None], first))
         u[:, :, -1] *= np.linalg.det(u @ v)[:, None]
-        turned = (u @ v @ scene.grain_places[3]) @ parts[:, :d].T  # (g, d, k)
+        turned = (u @ v @ scene.grain_places[3][there - 1]) @ parts[:, :d].T  # (g, d, k)
         now = (now[:, None] + 2.0 * radii[:, None, None] * turned.transpose(0, 2, 1)).reshape(-1, d)
         radii, kinds, way = (
             np.outer(2.0 * radii, parts[:, d]).ravel(),

@@ -100,12 +100,11 @@ class Particles:
         self.restore_all()
         return self.field_io.read(self.count[None])
 
-    def append(self, positions, velocity, mix: int = 0, structure: float = 0.0) -> None:
-        """Add fluid particles of a mix and a structure at positions (m, d) [m] with a velocity (d,) [m/s]; their
-        numbers go on from those of the rows, and all else of them is zero."""
+    def append(self, positions, velocities, **fields) -> None:
+        """Add fluid particles at positions (m, d) [m] with velocities (m, d) [m/s] and other ``fields`` that they
+        carry; their numbers go on from those of the rows, and all else of them is zero."""
         state, m = self.read(), len(positions)
-        new = {"x": positions, "u": velocity, "kind": FLUID, "mix": mix, "structure": structure}
-        new["id"] = len(state["x"]) + np.arange(m)
+        new = {"x": positions, "u": velocities, "kind": FLUID, "id": len(state["x"]) + np.arange(m)} | fields
         for name, values in state.items():
             entered = np.broadcast_to(new.get(name, 0.0), (m, *values.shape[1:]))
             state[name] = np.concatenate([values, entered])

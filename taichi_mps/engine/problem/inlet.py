@@ -100,6 +100,20 @@ class Inlet:
         return self if self.material is None else replace(self, material=self.material.within(time))
 
     @property
+    def frame(self) -> np.ndarray:
+        """Rows are unit vectors across the mouth, and along the jet, shape (d, d)."""
+        along, across = self.unit_direction, []
+        # axes most nearly perpendicular to the hose
+        axes = np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]
+        if self.height is not None and np.hypot(along[0], along[1]) > 1e-9:  # level, and upright
+            axes = np.stack([np.cross(along, (0.0, 0.0, 1.0)), (0.0, 0.0, 1.0)])
+        for axis in axes:
+            for other in (along, *across):
+                axis = axis - (axis @ other) * other
+            across.append(axis / np.linalg.norm(axis))
+        return np.array([*across, along])
+
+    @property
     def unit_direction(self) -> np.ndarray:
         """Unit vector along the jet, shape (d,)."""
         return np.array(self.direction, float) / np.linalg.norm(self.direction)
@@ -132,15 +146,7 @@ class Inlet:
         )
         across_its_height = self.height is None or least <= self.height <= most
         require(across_its_height, f"{height}: must be 1 to {MAX_RADIUS_IN_SPACINGS} times spacing = {spacing:g} m")
-        along, across = self.unit_direction, []
-        # axes most nearly perpendicular to the hose
-        axes = np.eye(len(along))[np.argsort(np.abs(along), kind="stable")[:-1]]
-        if self.height is not None and np.hypot(along[0], along[1]) > 1e-9:  # level, and upright
-            axes = np.stack([np.cross(along, (0.0, 0.0, 1.0)), (0.0, 0.0, 1.0)])
-        for axis in axes:
-            for other in (along, *across):
-                axis = axis - (axis @ other) * other
-            across.append(axis / np.linalg.norm(axis))
+        *across, along = self.frame
         count = int(np.ceil(self.radius / spacing))
         ticks = [spacing * (np.arange(-count, count) + 0.5)] * len(across)
         if self.height is not None:

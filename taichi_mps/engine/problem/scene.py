@@ -20,6 +20,7 @@ from .jolt import Jolt
 from .materials import AnyMaterial
 from .measures import GuardedMeasure, Snapshot, mirrored, revolved
 from .scene_rules import RULES, complete_fields
+from .stream import Stream
 
 if TYPE_CHECKING:
     from builtins import bool as SceneFlag, str as SceneText  # isort: skip
@@ -188,26 +189,68 @@ class Scene:
         shape (n,).
         """
         u = np.zeros_like(self.fluid) if self.velocity is None else self.velocity
-        parts = [(self.fluid, u, np.zeros(len(u), int))]
+        mix = np.zeros(len(u), int)
+        parts = [(self.fluid, u, mix, self.slots[: len(u)] if self.grains else mix)]
         for inlet in self.inlets:
             if inlet.start == 0.0:
-                x = self.inlet_layer(inlet) + inlet.displacement(0.0)
+                x, slot = self.entering(inlet, 0)
                 u = np.tile(inlet.velocity(self.spacing), (len(x), 1))
-                parts.append((x, u, np.full(len(x), self.mix_of(inlet))))
-        x, u, mix = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        start = {"x": x, "u": u, "mix": mix}
-        if self.grains:
-            number = self.grain_places[0]
-            start["slot"] = np.zeros(len(number), int)
-            start["slot"][np.argsort(number, kind="stable")] = np.maximum(
-                0, 1 + np.arange(len(x)) - (number == 0).sum()
-            )
-        return start
+                parts.append((x + inlet.displacement(0.0), u, np.full(len(x), self.mix_of(inlet)), slot))
+        x, u, mix, slot = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        return {"x": x, "u": u, "mix": mix} | ({"slot": slot} if self.grains else {})
 
-    @property
+    @cached_property
+    def streams(self) -> list[Stream]:
+        """What the inlets bring, with grains; none without."""
+        return [Stream(self, inlet) for inlet in self.inlets] if self.grains else []
+
+    @cached_property
     def grain_places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Number (n,) of the grain of each particle, 0 of mortar; centres (g, d), radii (g,) [m], rotations at 0 s."""
-        return self.grains.places(self.fluid, self.spacing, self.domain, self.periodic)
+        """Grains at 0 s.
+
+        Number (n,) of the grain of each particle of the fluid and then of the ``streams``, 0 of mortar; centres (g, d)
+        [m], radii (g,) [m] and rotations (g, d, d).
+        """
+        parts = [stream.places for stream in self.streams]
+        if len(self.fluid):
+            parts = [self.grains.places(self.fluid, self.spacing, self.domain, self.periodic), *parts]
+        numbers, *others = zip(*parts, strict=True)
+        before = np.cumsum([0, *map(len, others[0])])
+        numbers = [np.where(number > 0, number + k, 0) for number, k in zip(numbers, before, strict=False)]
+        return np.concatenate(numbers), *map(np.concatenate, others)
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """Place of each particle of ``grain_places`` among those of grains, in their order, from 1; 0 of mortar."""
+        number = self.grain_places[0]
+        slots = np.zeros(len(number), int)
+        slots[np.argsort(number, kind="stable")] = np.maximum(0, 1 + np.arange(len(number)) - (number == 0).sum())
+        return slots
+
+    def entering(self, inlet: Inlet, layer: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return what enters with a layer: that layer, or of grains all that enter with it.
+
+        Parameters
+        ----------
+        inlet : Inlet
+            Inlet of this scene.
+        layer : int
+            Number of the layer.
+
+        Returns
+        -------
+        x : ndarray, shape (m, d)
+            Positions as it begins to leave the mouth at its ``centre`` [m].
+        slot : ndarray of int, shape (m,)
+            Their ``slots``, 0 without grains.
+        """
+        if not self.grains:
+            x = self.inlet_layer(inlet)
+            return x, np.zeros(len(x), int)
+        k = next(k for k, other in enumerate(self.inlets) if other is inlet)
+        ends = np.cumsum([len(self.fluid), *(len(stream.x) for stream in self.streams)])
+        stream, now = self.streams[k], self.streams[k].layer == layer
+        return stream.x[now] + layer * stream.step, self.slots[ends[k] : ends[k + 1]][now]
 
     @property
     def initial(self) -> np.ndarray:
@@ -268,7 +311,7 @@ class Scene:
         velocity = np.tile(jet, (len(self.reach), 1))
         if self.velocity is not None:
             velocity[: len(self.fluid)] = self.velocity
-        return replace(self, fluid=self.reach, velocity=velocity, inlets=())
+        return replace(self, fluid=self.reach, velocity=velocity, inlets=(), grains=None)
 
     @property
     def mirrors(self) -> tuple[Plane, ...]:

@@ -39,6 +39,9 @@ def complete_fields(scene) -> dict:
         wanted = (len(value) if rows is None else rows, d) if value is not None else ()
         require(np.shape(value) == wanted, f"{key} of shape {np.shape(value)}: must be of the shape {wanted}")
     numbers = {"spacing": float(scene.spacing), "until": float(scene.until), "walls": tuple(scene.walls)}
+    for behind in behind_mouths(scene, d) if scene.grains else ():  # from where grains enter
+        low, high = np.minimum(low, behind.min(0) - scene.spacing), np.maximum(high, behind.max(0) + scene.spacing)
+        numbers["domain"] = tuple(low.tolist()), tuple(high.tolist())
     return numbers | {"fluid": fluid, "gravity": gravity, "periodic": periodic}
 
 
@@ -81,6 +84,11 @@ def inlets_have_room(scene):
         places = (turns[:, None] + layer).reshape(-1, scene.dimension)
         for wall in scene.walls:
             require(np.min(wall.distance(places)) > 0.0, f"{centre}: the mouth reaches into a wall; must be free of it")
+    for behind in behind_mouths(scene, scene.dimension) if scene.grains else ():
+        require(
+            all(np.min(wall.distance(behind)) > 0.0 for wall in scene.walls),
+            "inlet: a grain, which enters whole, would reach into a wall; must have its diameter free behind the mouth",
+        )
 
 
 def mixes_go_together(scene):
@@ -173,11 +181,12 @@ def jolts_keep_the_symmetry(scene):
 
 
 def grains_are_supported(scene):
-    """Grains are in a body that is whole and there at 0 s, each three spacings or more across and in its fluid."""
+    """Grains are in a whole body, each three spacings or more across."""
     if not scene.grains:
         return
     for what, there in {
-        "an inlet, whose concrete brings none; must be one filled at 0 s, as l_box or slump": scene.inlets,
+        "centres, but no fluid at 0 s; must have volume_fraction": scene.grains.centres is not None
+        and scene.fluid.size == 0,
         "mirror planes, which would cut them; must be the whole body, model full where there is one": scene.mirrors,
         "rings, which would cut them; must be the whole body, axisymmetric = False": scene.axisymmetric,
         "a jolt; must be a scene without, as slump": scene.jolts,
@@ -207,7 +216,6 @@ def grains_are_supported(scene):
             f"grains: {what} = {smallest:g} m is {across:.2g} spacings across; {GOOD_ACROSS:g} or more are better",
             stacklevel=4,
         )
-    _ = scene.grain_places  # placed now, or refused
 
 
 RULES = (
@@ -222,6 +230,18 @@ RULES = (
     mirrors_are_planes_of_symmetry,
     jolts_keep_the_symmetry,
 )
+
+
+def behind_mouths(scene, d: int) -> list[np.ndarray]:
+    """Places (k, d) [m] behind each mouth of an inlet to which a grain reaches back that enters."""
+    parts = scene.grains.clump(d)[0]
+    length = 2.0 * scene.grains.diameters.max() * (np.linalg.norm(parts[:, :-1], axis=1) + parts[:, -1]).max()
+    steps = np.arange(scene.spacing, length + scene.spacing, scene.spacing)[:, None, None]
+    return [
+        (inlet.turns[:, None, None, 1:] + inlet.layer(scene.spacing) - steps * inlet.unit_direction).reshape(-1, d)
+        for inlet in scene.inlets
+        if len(inlet.centre) == d
+    ]
 
 
 def gravities(scene) -> np.ndarray:

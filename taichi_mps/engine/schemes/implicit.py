@@ -56,7 +56,7 @@ class ImplicitScheme(Scheme):
         self.assembles_again = problem.law == "bi-viscosity"
         continues = not (self.assembles_again or walls.have_friction)
 
-        self.rigid = NoOp("drift", "find", "project", "keep")
+        self.rigid = NoOp("drift", "find", "project", "keep", "enter")
         self.contacts = NoOp(
             "find", "check", "load", "update", "change_residual", "settle", "add_loads", "load_state", state=dict
         )

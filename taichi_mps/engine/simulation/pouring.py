@@ -11,7 +11,7 @@ class Pouring:
     ``delay`` [s], the time for which layers before it found the mouth buried."""
 
     def __init__(self, scene, inlet):
-        self.spacing, self.start = scene.spacing, inlet.start
+        self.scene, self.spacing, self.start = scene, scene.spacing, inlet.start
         self.layer = scene.inlet_layer(inlet)  # (m, d) [m]
         self.mix = scene.mix_of(inlet)
         self.structure = scene.materials[self.mix].initial_structure
@@ -37,21 +37,28 @@ class Pouring:
     @property
     def to_come(self) -> int:
         """Particles that are not there at the beginning of the run."""
-        return (self.layers - (self.start == 0.0)) * len(self.layer)
+        return self.particles(self.layers) - self.particles(int(self.start == 0.0))
+
+    def particles(self, layers: int) -> int:
+        """Number of particles that enter with so many layers."""
+        return sum(len(self.scene.entering(self.inlet, k)[0]) for k in range(layers))
 
     @property
     def volume(self) -> float:
         """Volume [m3] that has entered through the whole hose."""
         return self.entered * self.layer_volume
 
-    def pour(self, time: float, particles) -> float:
-        """Give the particles the layer that has to enter at this time [s], if any. The speed [m/s] of the jet, 0 before
-        its first layer and after the step of its last one."""
+    def pour(self, time: float, particles, rigid) -> float:
+        """Give the particles the layer that has to enter at this time [s], if any, and its grains to ``rigid``. The
+        speed [m/s] of the jet, 0 before its first layer and after the step of its last one."""
         done = self.done
         if self.due(time):
-            layer = self.enter(time, particles.x.to_numpy()[: particles.number])
-            if layer is not None:
-                particles.append(layer, self.inlet.velocity(self.spacing, time), self.mix, self.structure)
+            _, slot = self.scene.entering(self.inlet, self.entered)
+            x = self.enter(time, particles.x.to_numpy()[: particles.number])
+            if x is not None:
+                u = np.broadcast_to(self.inlet.velocity(self.spacing, time), x.shape)
+                particles.append(x, u, mix=self.mix, structure=self.structure, slot=slot)
+                rigid.enter(slot, x, u)
         return self.speed if self.entered and not done else 0.0
 
     @property
@@ -64,10 +71,10 @@ class Pouring:
         return not self.done and time >= self.next - INSTANT
 
     def enter(self, time: float, x: np.ndarray) -> np.ndarray | None:
-        """Places (m, d) [m] of the layer that is due at this time [s], as far in front of the mouth as it has come
-        since; None, and due later, if one of the particles that are there, x (n, d) [m], is in its way."""
+        """Places (m, d) [m] of what enters with the layer that is due at this time [s], as far in front of the mouth as
+        it has come since; None, and due later, if a particle that is there, of x (n, d) [m], is in its way."""
         late = max(0.0, time - self.next)
-        layer = self.layer + self.inlet.displacement(self.next)
+        layer = self.scene.entering(self.inlet, self.entered)[0] + self.inlet.displacement(self.next)
         layer += late * self.inlet.velocity(self.spacing, self.next)
         if buried(layer, x, self.spacing):
             self.delay += late

@@ -159,7 +159,7 @@ class Simulation:
 
     def _pour(self) -> float:
         """Let in what is due; return the speed [m/s] of the fastest jet."""
-        jets = [pouring.pour(self.time, self.particles) for pouring in self.pouring]
+        jets = [pouring.pour(self.time, self.particles, self.scheme.rigid) for pouring in self.pouring]
         if jets:
             self._volume = self.fluid_particles * self.particles.usual_volume
         return max(jets, default=0.0)

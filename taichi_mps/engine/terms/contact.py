@@ -94,7 +94,7 @@ class Contacts(Term):
     @ti.func
     def find_grains(self, g):
         """Contacts of grain g with others, from the neighbours of its particles."""
-        for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
+        for m in range(self.rigid.begin[g], self.rigid.end[g]):
             i, s = self.rigid.row[m], self.rigid.sphere_of[m]
             centre = self.rigid.in_scene(self.rigid.sphere_centre(s))
             for p in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
@@ -119,7 +119,7 @@ class Contacts(Term):
         for n in range(MAX_WALL_CONTACTS):
             least, towards = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
             if n == 0 or self.number[g] == begin + n:
-                for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
+                for m in range(self.rigid.begin[g], self.rigid.end[g]):
                     if self.rigid.sphere_of[m] == s:
                         distance, point, _velocity = self.nearest_point(wall, self.rigid.centre[g] + self.rigid.arm[m])
                         away = (point - centre).norm()
@@ -342,7 +342,7 @@ class Contacts(Term):
                 0.0 * I,
                 self.rigid.beyond_points(g, self.step[None]),
             )
-            for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
+            for m in range(self.rigid.begin[g], self.rigid.end[g]):
                 D, A = inverse_diagonal[self.rigid.row[m]].inverse(), 0.0 * I
                 for a, b in ti.static(ti.ndrange(self.dimension, self.dimension)):
                     A[a, b] = D[a, b]
@@ -357,11 +357,11 @@ class Contacts(Term):
         """z <- P (z - D^-1 r) + B P r on the rows of grains: z = M^-1 r, the diagonal blocks D of particles, the
         mobilities B of grains."""
         for g in range(first(self.rigid.count), last(self.rigid.count)):
-            for m in range(self.rigid.begin[g], self.rigid.begin[g + 1]):
+            for m in range(self.rigid.begin[g], self.rigid.end[g]):
                 z[self.rigid.row[m]] -= inverse_diagonal[self.rigid.row[m]] @ r[self.rigid.row[m]]
             total, moment = self.rigid.sums(g, z)
             force, torque = self.rigid.sums(g, r)
-            mean = total / (self.rigid.begin[g + 1] - self.rigid.begin[g]) + self.translation_mobility[g] @ force
+            mean = total / self.rigid.size(g) + self.translation_mobility[g] @ force
             self.rigid.move(g, mean, self.rigid.inverse[g] @ moment + self.rotation_mobility[g] @ torque, z)
         wait()
 
@@ -373,4 +373,5 @@ class Contacts(Term):
     def load_state(self, state: dict) -> None:
         """Load what ``state`` returned."""
         self.rigid.motions.load(state, self.rigid.count)
+        self.rigid.find_present(state["slot"])
         self.field_io.load(state, self.rigid.count * self.most)

@@ -43,6 +43,7 @@ class Rigid(Term):
         self.count, self.members = len(radii), int((number > 0).sum())
         self.yields = problem.law == "yield-stress"
         self.begin, self.grain_of = ti.field(ti.i32, self.count + 1), ti.field(ti.i32, self.members)
+        self.end = ti.field(ti.i32, self.count)  # of the members of each grain, their beginning if it is yet to enter
         # of each member, a particle of a grain, and the number of its sphere among those of all grains
         self.row, self.sphere_of = (ti.field(ti.i32, self.members) for _ in range(2))
         spheres = self.count * self.parts
@@ -67,18 +68,21 @@ class Rigid(Term):
     def _place(self, scene) -> None:
         """Put the grains at their places at 0 s, at rest."""
         number, centres, radii, rotations = scene.grain_places
-        d, x, size = self.dimension, scene.fluid, np.subtract(*scene.domain[::-1])
+        d, start, size = self.dimension, scene.start, np.subtract(*scene.domain[::-1])
+        x = np.vstack([scene.fluid, *(stream.x for stream in scene.streams)])
         members = np.argsort(number, kind="stable")[len(number) - self.members :]
         of = number[members] - 1
         arms = x[members] - centres[of]
         arms -= np.array(scene.periodic) * size * np.round(arms / size)
-        places, start, turn = (
+        places, middle, turn = (
             np.zeros((self.members, 3)),
             np.zeros((self.count, 3)),
             np.tile(np.eye(3), (self.count, 1, 1)),
         )
-        places[:, :d], start[:, :d], turn[:, :d, :d] = arms, centres, rotations
-        velocity, spin = self._motion(of, places, scene.velocity[members] if scene.velocity is not None else 0.0 * arms)
+        places[:, :d], middle[:, :d], turn[:, :d, :d] = arms, centres, rotations
+        u = np.zeros_like(x)
+        u[: len(scene.fluid)] = 0.0 if scene.velocity is None else scene.velocity
+        velocity, spin = self._motion(of, places, u[members])
         places = (places[:, None] @ turn[of])[:, 0]
         counts = np.bincount(of, minlength=self.count)
         mass = scene.grains.density * counts * scene.spacing**d
@@ -108,8 +112,30 @@ class Rigid(Term):
             (self.extra, extra),
         ):
             field.from_numpy(values)
-        state = {"grain_centre": start, "grain_turn": turn, "grain_velocity": velocity, "grain_spin": spin}
+        state = {"grain_centre": middle, "grain_turn": turn, "grain_velocity": velocity, "grain_spin": spin}
         self.motions.load(state, self.count)
+        self.find_present(start["slot"])
+        entered = slice(len(scene.fluid), None)
+        self.enter(start["slot"][entered], start["x"][entered], start["u"][entered])
+
+    def find_present(self, slot) -> None:
+        """Find which grains are there, by the slots of all particles."""
+        begin = self.begin.to_numpy()
+        self.end.from_numpy(begin[np.arange(self.count) + np.isin(np.arange(self.count), self.of_members[slot] - 1)])
+
+    def enter(self, slot, x, velocity) -> None:
+        """Let in the grains of particles in these slots (m,) at x (m, d) [m], with velocities (m, d) [m/s]."""
+        number, rows = np.unique(self.of_members[slot], return_index=True)
+        number, rows = number[number > 0], rows[number > 0]
+        if len(number) == 0:
+            return
+        state, d, g = self.motions.read(self.count), self.dimension, number - 1
+        arms = (state["grain_turn"][g] @ self.place.to_numpy()[slot[rows] - 1, :, None])[:, :d, 0]
+        state["grain_centre"][g, :d], state["grain_velocity"][g, :d] = x[rows] - arms, velocity[rows]
+        self.motions.load(state, self.count)
+        end = self.end.to_numpy()
+        end[g] = self.begin.to_numpy()[number]
+        self.end.from_numpy(end)
 
     def _motion(self, of, arms, u) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and spins [1/s], (n, 3), of the grains ``of`` the members with arms (m, 3) and velocities u
@@ -124,6 +150,11 @@ class Rigid(Term):
         return velocity, spin
 
     # ---- in kernels ------------------------------------------------------------------------------------------------
+    @ti.func
+    def size(self, g):
+        """Number of particles of grain g, 1 of one that is yet to enter."""
+        return ti.max(1, self.end[g] - self.begin[g])
+
     @ti.func
     def in_scene(self, v):
         """The first d components of a vector."""
@@ -174,7 +205,7 @@ class Rigid(Term):
     def sums(self, g, v: ti.template()):
         """sum v_m and sum y_m x v_m of the rows of grain g: of forces, its force and torque."""
         total, moment = ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
-        for m in range(self.begin[g], self.begin[g + 1]):
+        for m in range(self.begin[g], self.end[g]):
             w = self.three_components(v[self.row[m]])
             total += w
             moment += self.arm[m].cross(w)
@@ -183,12 +214,12 @@ class Rigid(Term):
     @ti.func
     def distribute(self, g, total, moment, v: ti.template()):
         """Write P of rows whose sums are ``total`` and ``moment`` into the rows of grain g."""
-        self.move(g, total / (self.begin[g + 1] - self.begin[g]), self.inverse[g] @ moment, v)
+        self.move(g, total / self.size(g), self.inverse[g] @ moment, v)
 
     @ti.func
     def move(self, g, mean, rate, v: ti.template()):
         """Write the rigid motion of grain g with these mean and rate of rotation into its rows."""
-        for m in range(self.begin[g], self.begin[g + 1]):
+        for m in range(self.begin[g], self.end[g]):
             w = mean + rate.cross(self.arm[m])
             for a in ti.static(range(self.dimension)):
                 v[self.row[m]][a] = ti.cast(w[a], float)
@@ -198,7 +229,7 @@ class Rigid(Term):
         """Mean and rate of rotation of the velocity v of each grain."""
         for g in range(first(self.count), last(self.count)):
             total, moment = self.sums(g, v)
-            self.mean[g] = total / (self.begin[g + 1] - self.begin[g])
+            self.mean[g] = total / self.size(g)
             self.rate[g] = self.inverse[g] @ moment
         wait()
 
@@ -283,10 +314,11 @@ class Rigid(Term):
                 self.gradient.B[i] *= 0.0
         for g in range(self.count):
             J = ti.Matrix.zero(ti.f64, 3, 3)
-            for m in range(self.begin[g], self.begin[g + 1]):
+            for m in range(self.begin[g], self.end[g]):
                 y = self.arm[m]
                 J += y.dot(y) * ti.Matrix.identity(ti.f64, 3) - y.outer_product(y)
-            self.inverse[g] = (J + 1e-12 * J.trace() * ti.Matrix.identity(ti.f64, 3)).inverse()
+            if self.end[g] > self.begin[g]:  # else it stays zero
+                self.inverse[g] = (J + 1e-12 * J.trace() * ti.Matrix.identity(ti.f64, 3)).inverse()
             for a in ti.static(range(self.dimension)):
                 if ti.static(self.neighbors.bins.periodic[a]):
                     low, size = self.neighbors.bins.low[a], self.neighbors.bins.size[a]
