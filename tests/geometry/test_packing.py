@@ -101,6 +101,16 @@ REFUSED = {
         grains=mps.Grains(diameter=0.04, volume_fraction=0.1),
         walls=(mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), mirror=True),),
     ),
+    "behind the mouth": dict(
+        grains=mps.Grains(diameter=0.04, volume_fraction=0.1),
+        walls=(mps.Plane((0.0, 0.0, 0.43), (0.0, 0.0, -1.0)),),
+        inlets=(mps.Inlet((0.1, 0.1, 0.4), (0.0, 0.0, -1.0), 0.06, 0.002, 0.001),),
+    ),
+    "no fluid at 0 s": dict(
+        grains=mps.Grains(diameter=0.04, centres=[(0.1, 0.1, 0.1)]),
+        x=np.zeros((0, 3)),
+        inlets=(mps.Inlet((0.1, 0.1, 0.4), (0.0, 0.0, -1.0), 0.06, 0.002, 0.001),),
+    ),
     "stand on no lattice": dict(
         grains=mps.Grains(diameter=0.04, volume_fraction=0.1),
         x=mps.lattice((0.0,) * 3, (0.2,) * 3, L0) + np.random.default_rng(1).uniform(0.0, 1e-3, (8000, 3)),

@@ -109,7 +109,7 @@ def test_the_verdict_on_what_passes(grains, passed, mortar, verdict):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("printing", "must be one filled at 0 s"),
+        ("printing", "mirror planes, which would cut them"),
         ("l_box --model half", "model full"),
         ("l_box --model slice --bars none", "must be 2 or 3"),
         ("slump --lift-speed 0.1", "gone at 0 s"),

@@ -23,7 +23,8 @@ class Grains:
         Diameter [m], of a sphere of the same volume; or a grading, rows of a diameter [m] and its fraction of the
         volume of all grains.
     volume_fraction : float, optional
-        Volume of the grains over that of the body at 0 s [-], 0.35 at most; they are placed at random, without overlap.
+        Volume of the grains over that of the body at 0 s and of what enters [-], 0.35 at most; they are placed at
+        random, without overlap.
     centres : ndarray, shape (g, d), optional
         Centres instead of a volume fraction [m]; each is moved to the nearest place of the lattice of particles, by at
         most half a spacing along an axis.
@@ -46,9 +47,10 @@ class Grains:
     Notes
     -----
     The ``material`` of the scene is then that of the mortar, not of the concrete. Needs the scheme ``implicit``, no
-    inlet, no mirror plane and no rings; a diameter of three spacings or more, better four, six between bars; of a clump
-    that of its largest sphere. An ellipsoid is a clump of the largest spheres in it. A sphere that is the nearest of no
-    particle of its clump has no contacts.
+    mirror plane and no rings; a diameter of three spacings or more, better four, six between bars; of a clump that of
+    its largest sphere. What an inlet brings has the same ``volume_fraction``, none with ``centres``; a grain enters
+    whole, with the first layer that it is in. An ellipsoid is a clump of the largest spheres in it. A sphere that is
+    the nearest of no particle of its clump has no contacts.
 
     Examples
     --------

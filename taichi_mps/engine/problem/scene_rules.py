@@ -39,7 +39,7 @@ def complete_fields(scene) -> dict:
         wanted = (len(value) if rows is None else rows, d) if value is not None else ()
         require(np.shape(value) == wanted, f"{key} of shape {np.shape(value)}: must be of the shape {wanted}")
     numbers = {"spacing": float(scene.spacing), "until": float(scene.until), "walls": tuple(scene.walls)}
-    for behind in behind_mouths(scene, d) if scene.grains else ():  # from where grains enter
+    for behind in behind_mouths(scene, d):  # from where grains enter
         low, high = np.minimum(low, behind.min(0) - scene.spacing), np.maximum(high, behind.max(0) + scene.spacing)
         numbers["domain"] = tuple(low.tolist()), tuple(high.tolist())
     return numbers | {"fluid": fluid, "gravity": gravity, "periodic": periodic}
@@ -84,10 +84,10 @@ def inlets_have_room(scene):
         places = (turns[:, None] + layer).reshape(-1, scene.dimension)
         for wall in scene.walls:
             require(np.min(wall.distance(places)) > 0.0, f"{centre}: the mouth reaches into a wall; must be free of it")
-    for behind in behind_mouths(scene, scene.dimension) if scene.grains else ():
+    for behind in behind_mouths(scene, scene.dimension):
         require(
             all(np.min(wall.distance(behind)) > 0.0 for wall in scene.walls),
-            "inlet: a grain, which enters whole, would reach into a wall; must have its diameter free behind the mouth",
+            "grains: enter whole, and would reach into a wall; must have their diameter free behind the mouth",
         )
 
 
@@ -234,6 +234,8 @@ RULES = (
 
 def behind_mouths(scene, d: int) -> list[np.ndarray]:
     """Places (k, d) [m] behind each mouth of an inlet to which a grain reaches back that enters."""
+    if not scene.grains or scene.grains.rows.shape[1] not in (0, d + 1):
+        return []
     parts = scene.grains.clump(d)[0]
     length = 2.0 * scene.grains.diameters.max() * (np.linalg.norm(parts[:, :-1], axis=1) + parts[:, -1]).max()
     steps = np.arange(scene.spacing, length + scene.spacing, scene.spacing)[:, None, None]
