@@ -197,6 +197,7 @@ def stony():
     return sim, sim.state()
 
 
+@pytest.mark.slow
 def test_grains_enter_whole_with_their_first_row_and_keep_momentum(stony):
     """Momentum, of what has entered and its weight, to the tolerance of the solver; each grain has all its particles,
     rigid, from the first, and all of the mortar enters."""
@@ -221,6 +222,7 @@ def test_grains_enter_whole_with_their_first_row_and_keep_momentum(stony):
     assert len(np.unique(s.grain)) - 1 == len(sim.grains.radii) == round(0.2 * 0.018 / (np.pi * 0.02**2))
 
 
+@pytest.mark.slow
 def test_poured_grains_go_on_bit_for_bit(stony):
     sim, start = stony
     sim.load(start)
