@@ -25,6 +25,7 @@ MAX_POINTS = 400  # of a curve
 MAX_BEGINNING = 100_000  # particles of a body before it flows, whose surface takes a second
 AT_HEIGHT = re.compile(r"(.+)_at_(\d+)mm_Pa")  # a pressure at a height
 CORNERS = 12  # of the polygon that is drawn for a particle
+ABSENT = -(2**15)  # code of the coordinates of a grain that has not entered yet
 GRAIN_BYTES = 6  # of a sphere of a grain in a picture of the film, at most
 
 
@@ -224,14 +225,18 @@ def packed_film(shapes, times, measured) -> dict:
 def film_of_grains(scene, states, low, step) -> dict:
     """Grains: ``sizes`` [mm] and their ``colours``; of each its ``radii`` [m] and the row of its size, ``kinds``;
     ``free``, 1 of an axis along which its way counts; and ``centres`` in each picture as base64 of deflated bytes, in
-    16 bits, low byte first: codes of coordinates as in ``film_data``, less those of the picture before."""
-    shown = [grains_of(scene, state) for state in states]
-    codes = np.round((np.array([embed(each[0]) for each in shown]) - low) / step).astype(np.int32)
+    16 bits, low byte first: codes of coordinates as in ``film_data``, ABSENT of one that has not entered yet, less
+    those of the picture before."""
+    shown, there = [grains_of(scene, state) for state in states], [np.unique(state.grain) for state in states]
+    codes = np.full((len(states), len(shown[-1][0]), 3), ABSENT)
+    for found, (x, *_), numbers in zip(codes, shown, there, strict=True):
+        here = np.repeat(np.isin(there[-1], numbers)[there[-1] > 0], len(scene.grains.clump(scene.dimension)[0]))
+        found[here] = np.round((embed(x) - low) / step)
     return {
         "sizes": rounded(1e3 * np.sort(scene.grains.diameters)),
         "colours": GRAINS.tolist(),
-        "radii": rounded(shown[0][1]),
-        "kinds": shown[0][2].tolist(),
+        "radii": rounded(shown[-1][1]),
+        "kinds": shown[-1][2].tolist(),
         "free": rounded(embed(1.0 - np.array([scene.periodic]))[0]),
         "centres": base64.b64encode(zlib.compress(np.diff(codes, axis=0, prepend=0).astype("<i2").tobytes())).decode(),
     }

@@ -57,13 +57,15 @@ async function decodedGrains({ grains, times, low, step }) {
   const { centres, radii, free } = grains, codes = await inflated(centres, Int16Array), long = 3 * radii.length;
   for (let k = long; k < codes.length; k++) codes[k] += codes[k - long];
   const places = times.map((_, k) => Float32Array.from(codes.subarray(k * long, (k + 1) * long), (code, i) => low[i % 3] + step[i % 3] * code));
-  const way = (at) => radii.map((_, g) => Math.hypot(...free.map((on, k) => on * (at[3 * g + k] - places[0][3 * g + k]))));
-  return places.map((at) => ({ at, way: way(at) }));
+  const there = (at, g) => at[3 * g] > low[0] - 1e4 * step[0]; // else it has not entered yet
+  const first = radii.map((_, g) => places.find((at) => there(at, g)));
+  const way = (at) => radii.map((_, g) => (there(at, g) ? Math.hypot(...free.map((on, k) => on * (at[3 * g + k] - first[g][3 * g + k]))) : 0));
+  return places.map((at) => ({ at, way: way(at), radius: radii.map((r, g) => (there(at, g) ? r : 0)) }));
 }
 
 /* Grains of a picture on the graphics card, once, coloured by size unless ``tone`` says otherwise. */
-function grainsOnCard(viewer, made, { kinds, radii, colours }, tone = kinds.map((kind) => colours[kind % colours.length])) {
-  made.card ??= { at: viewer.buffer(made.at), tone: viewer.buffer(new Float32Array(tone.flat())), radius: viewer.buffer(new Float32Array(radii)), count: radii.length };
+function grainsOnCard(viewer, made, { kinds, colours }, tone = kinds.map((kind) => colours[kind % colours.length])) {
+  made.card ??= { at: viewer.buffer(made.at), tone: viewer.buffer(new Float32Array(tone.flat())), radius: viewer.buffer(new Float32Array(made.radius)), count: made.radius.length };
   return made.card;
 }
 

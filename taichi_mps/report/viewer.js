@@ -23,7 +23,7 @@ const SHADERS = {
       if (dots > 0.5) { colour = vec4(base * (length(gl_PointCoord - 0.5) > 0.42 ? 0.8 : 1.0), 1.0); return; }
       colour = vec4(light(base, normalize(n), normalize(eye - place), sun), 1.0) * cover; }`],
   grains: [`in vec3 at, tone; in float radius; uniform mat4 view; uniform float size, cut; out vec3 middle, base; out float r;
-    void main() { middle = at; base = tone; r = radius; gl_Position = at.y < cut ? vec4(2.0, 2.0, 2.0, 1.0) : view * vec4(at, 1.0);
+    void main() { middle = at; base = tone; r = radius; gl_Position = at.y < cut || radius == 0.0 ? vec4(2.0, 2.0, 2.0, 1.0) : view * vec4(at, 1.0);
       gl_PointSize = 2.0 * radius * size / gl_Position.w; }`,
   `in vec3 middle, base; in float r; uniform mat4 view; uniform vec3 eye, sun, right, up, ahead; out vec4 colour;
     ${LIGHT}

@@ -1,5 +1,7 @@
 """Placing: inflow through an inlet and its end, the volume in a form, and bars written as a mesh."""
 
+import base64
+import zlib
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
@@ -205,6 +207,7 @@ def test_grains_enter_whole_with_their_first_row_and_keep_momentum(stony):
     sim.load(start)
     (hose,), number = sim.scene.inlets, sim.scene.grain_places[0]
     shape, momentum, known = np.vstack([stream.x for stream in sim.scene.streams]), np.zeros(2), 0
+    bodies = []
     while not sim.pouring[0].done or known < len(number):
         before = sim.time
         sim.step()
@@ -219,6 +222,15 @@ def test_grains_enter_whole_with_their_first_row_and_keep_momentum(stony):
             now, whole = s.x[s.grain == g], shape[number == g]
             apart, wanted = (np.linalg.norm(x - x[:1], axis=1) for x in (now, whole))
             assert apart == pytest.approx(wanted, abs=1e-9)
+        bodies.append(s)
+    film = drawings.film_of_grains(sim.scene, bodies, np.zeros(3), np.full(3, 1e-4))
+    steps = np.frombuffer(zlib.decompress(base64.b64decode(film["centres"])), "<i2").reshape(len(bodies), -1, 3)
+    shown = np.cumsum(steps, axis=0, dtype=np.int16)
+    for s, codes in zip(bodies, shown, strict=True):
+        there = 1 + np.flatnonzero(codes[:, 0] != drawings.ABSENT)
+        assert there.tolist() == np.unique(s.grain[s.grain > 0]).tolist()
+        for g in there:
+            assert codes[g - 1, ::2] == pytest.approx(1e4 * s.x[s.grain == g].mean(0), abs=1.0)
     assert len(np.unique(s.grain)) - 1 == len(sim.grains.radii) == round(0.2 * 0.018 / (np.pi * 0.02**2))
 
 
