@@ -184,7 +184,7 @@ async function forecast() {
   if (before && state.mode === "preview") {
     numbers(before.numbers, before.errors, `Last run of this test, ${before.name}: ${before.mix}; ${before.end}`, before.verdict);
     await body.report(before.report);
-  } else if (known.beginning && (!test().preview || known.beginning.dimension === 3) && state.mode === "preview") {
+  } else if (known.beginning && state.mode === "preview") {
     delete by("stage").dataset.old;
     await body.show(known.beginning, "before it flows, to scale");
     if (number !== checking) return;
@@ -370,7 +370,7 @@ function lastRun(last) {
     ...(last.picture ? [h("img", {src: last.picture, alt: ""})] : []),
     h("div", {}, h("b", {}, "Last run "), h("span", {}, `${last.verdict} ${last.result}`), h("p", {}, `${last.test}, ${last.mix}`)),
     h("a.button", {href: `#runs/${encodeURIComponent(last.name)}`, "data-action": "open"}, "open"),
-    last.report && h("a.button", {href: last.report, target: "_blank", rel: "noopener"}, "report"),
+    ...(last.report ? [h("a.button", {href: last.report, target: "_blank", rel: "noopener"}, "report")] : []),
   );
 }
 
