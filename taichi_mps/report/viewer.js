@@ -101,7 +101,7 @@ class Viewer {
   look() {
     const ahead = [Math.sin(this.turn) * Math.cos(this.tilt), Math.cos(this.turn) * Math.cos(this.tilt), -Math.sin(this.tilt)];
     const right = unit([ahead[1], -ahead[0], 0]), up = crossed(right, ahead);
-    const wide = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight), f = 1 / Math.tan(0.22), room = [0.94, 0.8];
+    const wide = Math.max(1, this.canvas.clientWidth) / Math.max(1, this.canvas.clientHeight), f = 1 / Math.tan(0.22), room = [0.94, 0.8];
     const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((a) => this.box[(k >> a) & 1][a]));
     let away = 0;
     for (const corner of corners) {

@@ -357,7 +357,8 @@ def test_a_dropped_list_gives_the_table_of_the_command_line_with_reasons_chart_a
             tab.page.reload()
             tab.field("list").wait_for()
         tab.page.evaluate(
-            "text => { const dataTransfer = new DataTransfer(); dataTransfer.items.add(new File([text], 'dropped.csv'));"
+            "text => { const dataTransfer = new DataTransfer();"
+            "dataTransfer.items.add(new File([text], 'dropped.csv'));"
             "const drop = new DragEvent('drop', {dataTransfer, bubbles: true, cancelable: true});"
             "document.getElementById('calibrate').dispatchEvent(drop) }",
             LIST,
