@@ -125,8 +125,8 @@ def grains_of(scene, s: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
 
 def profile(scene, part: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray] | None:
     """Line in (r, z) whose revolution is the surface of the body: a snapshot of its k points (k, 2) with the fields of
-    the nearest particles, their outward normals (k, 2), and its segments (m, 2), rows of the points. None for a body
-    without mould and rings."""
+    the nearest particles, their outward normals (k, 2), and its segments (m, 2), rows of the points. A heap of rings
+    from a mould is as wide as its outermost one, and level around the axis. None for a body without mould and rings."""
     if part.time == 0.0 and scene.mould:
         cone = scene.mould
         corners = np.array([(0.0, 0.0), (cone.base_radius, 0.0), (cone.top_radius, cone.height), (0.0, cone.height)])

@@ -250,7 +250,8 @@ async function preview() {
 
 function numbers(m, errors, words, verdict = "") {
   by("verdict").textContent = verdict;
-  const cells = Object.entries(m).filter(([key]) => key !== HIGHEST).slice(0, 4).map(([key, [value, text, name]]) => {
+  const other = (key) => key === HIGHEST || (key === "t500_s" && test().name !== "slump");  // no T500 of a small cone
+  const cells = Object.entries(m).filter(([key]) => !other(key)).slice(0, 4).map(([key, [value, text, name]]) => {
     const read = key === "slump_m" ? m[HIGHEST]?.[0] : value;  // EN 12350-2 reads the highest point
     const off = errors[key], kind = read == null || !standard() ? "" : en206(key, read);
     const small = value === null ? text : off ? `± ${off < 0.01 ? `${(1000 * off).toFixed(0)} mm` : `${(100 * off).toFixed(1)} cm`}` : "";
