@@ -131,6 +131,7 @@ def columns(rows) -> dict[str, np.ndarray]:
     away = found["away"][:, 1:]
     for _ in range(SMOOTHED):
         away[..., 1:-1] += 0.5 * (0.5 * (away[..., :-2] + away[..., 2:]) - away[..., 1:-1])
+    away[..., -2] = away[..., -1]  # level at the axis
     return found | {"time": np.log(np.maximum(found["time"], MIN_TIME))}
 
 
@@ -171,6 +172,7 @@ def draw() -> None:
         "version": __version__,
         "made": json.loads(TABLE.read_text("utf-8").partition("\n")[0])["made"],
         "spacing": 1e3 * CONE["spacing"],
+        "softest": f"{TAU_Y[0]:g}",
         "mixes": len(NODES),
         "checks": len(off),
         "table": json.dumps(data(table)),

@@ -94,6 +94,7 @@ def scene(
         measure=measure,
         over_time=over_time,
         check=check,
+        mould=cone,
     )
 
 

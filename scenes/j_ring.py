@@ -1,7 +1,8 @@
 """J-ring test (EN 12350-12): slump flow through a ring of bars; the step between inside and outside.
 
-Source: ring 300 mm, bars of 18 mm, 16 (gap 41 mm) or 12 (gap 59 mm), 125 mm high: from memory, fairly sure. The cone is
-that of the slump test, gone at once. Blocking step: mean depth within 50 mm of the axis, less that just outside.
+Source: ring 300 mm, bars of 18 mm, 16 (gap 41 mm) or 12 (gap 59 mm): pages named in docs/scenes/index.md; 125 mm high:
+not confirmed. The cone is that of the slump test, gone at once. Blocking step: mean depth within 50 mm of the axis,
+less that just outside.
 Run time: about 20 CPU-seconds at the default spacing, on a busy machine, and up to 20 s to compile.
 """
 

@@ -114,6 +114,7 @@ def scene(
         require_room(bars, mouth, path, hose_diameter, spacing)
     inlet = mps.Inlet(mouth, (0.0, 0.0, -1.0), 0.5 * hose_diameter, rate, poured, path=path)
     lines = [] if rebar else list(both)
+    lines += hose_lines(inlet) if path is None else []
     form = [(0.0, height), (0.0, 0.0), (length, 0.0), (length, height)]
 
     def measure(s):
@@ -234,7 +235,14 @@ def cast(material, form, bars, opening, reach, spacing, fill_point, hose_diamete
         stop_at_rest=True,
         measure=measure,
         check=check,
+        outline=tuple(hose_lines(inlet)),
     )
+
+
+def hose_lines(inlet):
+    """Lines (k, 3) [m] of the end of a hose that stays above the form."""
+    rims = mps.Cylinder(inlet.centre, inlet.radius, axis=(0.0, 0.0, 1.0), length=FREE).circles
+    return [*rims, *np.stack(rims, axis=1)[:-1:18]]
 
 
 def way(moves, along, height, time):

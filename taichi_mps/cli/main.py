@@ -120,7 +120,7 @@ def run(argv) -> int:
     if not options.out and folder.path != default:
         print(f"taichi-mps: {plain(default)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
     folder.check(options.overwrite)
-    with Drawing(folder, options, problem.scene) as drawing, lock.held(folder.path):
+    with Drawing(folder, options, problem.scene, arguments.scene) as drawing, lock.held(folder.path):
         if not (arguments.json or options.quiet):
             say(plain("\n".join(describe_run(problem, clock, options.verbose))))
         from ..engine import Simulation, init

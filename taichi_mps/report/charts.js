@@ -66,13 +66,13 @@ function chart({ unit, curves, along = "time [s]", title, legend = true }, place
   const mark = svg("line", { y1: 20, y2: 194, class: "mark" }), read = svg("text", { x: 2, y: 227, class: "read" });
   drawing.append(mark, read);
   drawing.onpointermove = (event) => {
-    const box = drawing.getBoundingClientRect(), at = ((event.clientX - box.left) / box.width) * 440, first = curves[0].x;
+    const box = drawing.getBoundingClientRect(), at = ((event.clientX - box.left) / box.width) * 440;
     const wanted = x0 + ((at - 46) / (440 - 56)) * (x1 - x0);
     const nearest = (xs) => xs.reduce((best, value, i) => (Math.abs(value - wanted) < Math.abs(xs[best] - wanted) ? i : best), 0);
-    const k = nearest(first), px = x(first[k]);
+    const there = curves.map((c) => c.x[nearest(c.x)]), now = there[nearest(there)], px = x(now); // one may end before another
     mark.setAttribute("x1", px); mark.setAttribute("x2", px);
     const digits = (value) => (value === null ? "-" : Number(value.toPrecision(3)));
-    read.textContent = `${digits(first[k])}: ${curves.map((c) => digits(c.y[nearest(c.x)])).join(", ")} ${unit}`.trimEnd();
+    read.textContent = `${digits(now)}: ${curves.map((c) => digits(c.y[nearest(c.x)])).join(", ")} ${unit}`.trimEnd();
     drawing.classList.add("reading");
   };
   drawing.onpointerleave = () => drawing.classList.remove("reading");

@@ -41,10 +41,9 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
 def surroundings(scene, film: dict) -> dict:
     """A film with what stands around its body. Lengths [m]; lines as three lists x, y, z, with None between two."""
     walls_low, walls_high, floor = view_volume(scene)
-    walls = wall_lines(scene, walls_low, walls_high, film["times"][-1])
     outline = [line for each in scene.outline for line in with_mirror_images(scene, each)]
     body = np.array(film["low"]) + np.outer((0, MAX_POSITION_CODE), film["step"])
-    if scene.axisymmetric:  # the film has the section of the body
+    if film["corners"][-1] == 2:  # the film has the section of the body
         body = body[1, 0] * np.array([(-1.0, -1.0, 0.0), (1.0, 1.0, 0.0)]) + body * (0.0, 0.0, 1.0)
     points = np.vstack([body, *outline, *scene.vessel])
     room = 0.5 * scene.spacing * (film["corners"][-1] == 0)  # where points are the centres of particles
@@ -58,7 +57,9 @@ def surroundings(scene, film: dict) -> dict:
         "high": high.tolist(),
         "floor": floor,
         "vessel": [face.round(5).tolist() for face in scene.vessel],
-        "walls": polyline_coordinates([np.clip(line, low, high) for line in walls]),
+        "walls": polyline_coordinates(
+            [np.clip(line, low, high) for line in wall_lines(scene, walls_low, walls_high, film["times"][-1])]
+        ),
         "outline": polyline_coordinates(outline),
     }
 
@@ -69,15 +70,15 @@ def beginning(scene) -> dict | None:
     parts = [x for x in (scene.fluid, *(inlet.layer(scene.spacing) for inlet in scene.inlets)) if x is not None]
     if sum(map(len, parts)) > MAX_BEGINNING:
         return None
-    shape = surface_geometry(scene, still(np.vstack(parts), scene.spacing))
-    drawn = surroundings(scene, packed_film([shape], [0.0], [[]]))
+    film = packed_film([surface_geometry(scene, still(np.vstack(parts), scene.spacing))], [0.0], [[]])
+    drawn, deep = surroundings(scene, film), scene.dimension == 3 and not scene.mould  # a diameter is told once
     corners = np.concatenate(scene.vessel) if len(scene.vessel) else np.array([drawn["low"], drawn["high"]])
     (x0, y0, z0), (x1, y1, z1) = corners.min(0).tolist(), corners.max(0).tolist()
     drawn["film"]["dimensions"] = [
         [
             {"a": a, "b": b, "near": y0, "straight": True, "text": inputs.shown(float(np.subtract(b, a).sum()), "m")}
             for a, b in (((x0, y0, z0), (x1, y0, z0)), ((x1, y0, z0), (x1, y1, z0)), ((x0, y0, z0), (x0, y0, z1)))
-            if a != b
+            if a != b and (a[1] == b[1] or deep)
         ]
     ]
     return drawn

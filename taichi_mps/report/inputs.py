@@ -12,9 +12,14 @@ OMITTED = {"accuracy"}  # keyword that chose model and spacing, which are shown 
 DEFAULT_BACKEND = {"arch": "cpu", "precision": "f32", "scheme": "implicit"}
 
 
-def fields_of(source: str) -> dict:
-    """Declared keywords of a built-in scene; empty for a user's own file, whose code is not run for a report."""
-    return catalogue.load(source).parameters.model_fields if source in catalogue.names() else {}
+def fields_of(source: str, scene_file=None) -> dict:
+    """Declared keywords of a built-in scene; of a user's own file empty unless the user names it again as
+    ``scene_file``: its code is not run for a report."""
+    return (
+        catalogue.load(scene_file or source).parameters.model_fields
+        if scene_file or source in catalogue.names()
+        else {}
+    )
 
 
 def rows(parameters: dict, fields: dict) -> list[tuple[str, str]]:
@@ -39,13 +44,13 @@ def shown(value, unit: str) -> str:
     return f"{factor * value:.6g} {unit}".rstrip()
 
 
-def command(source: str, summary: dict, every: float | None = None, until: float | None = None) -> str:
+def command(source: str, summary: dict, every: float | None = None, until: float | None = None, fields=None) -> str:
     """Command line, after ``taichi-mps``, that repeats a run, without options at their defaults. ``every``: interval of
     the outputs [s], if it is not the usual one; ``until``: time limit [s], if it is not that of the scene with these
-    keywords. A scene file is named without its folder."""
+    keywords; ``fields``: those of the scene, by default of a built-in one. A scene file is named without its folder."""
     numerics = NUMERICS[summary["scheme"]]().model_dump()
     defaults = {
-        **{key: field.default for key, field in fields_of(source).items()},
+        **{key: field.default for key, field in (fields or fields_of(source)).items()},
         **numerics,
         **DEFAULT_BACKEND,
     }

@@ -120,7 +120,7 @@ def repeat_command(run) -> str:
     with suppress(SceneError):  # of a file that is not there
         own = catalogue.rebuild(run.source, run.summary["parameters"], run.scene_file).until
         until = None if until and abs(until / own - 1.0) < 1e-6 else until
-    return inputs.command(run.source, run.summary, every, until)
+    return inputs.command(run.source, run.summary, every, until, inputs.fields_of(run.source, run.scene_file))
 
 
 def dates(run) -> list[str]:
@@ -149,16 +149,15 @@ def table(rows, head=()) -> str:
 def doubts(run) -> list[str]:
     """Sentences on doubts about the result."""
     if not run.ended:
-        reached = f"{run.summary['simulated_seconds']:.2f} s"
-        return [f"This run has not ended: it has reached {reached}, and can go on by the command below."]
-    failed = [str(run.summary["error"])] if run.summary.get("error") else []
-    return failed + sentences.doubts(run.summary)
+        reached = run.summary["simulated_seconds"]
+        return [f"This run has not ended: it has reached {reached:.2f} s, and can go on by the command below."]
+    return ([str(run.summary["error"])] if run.summary.get("error") else []) + sentences.doubts(run.summary)
 
 
 def view_notes(film: dict, scene) -> list[str]:
     """Sentences that explain the view of the film, and the outputs that it leaves out."""
     notes = ["Drag to turn."] if scene.dimension == 3 or scene.axisymmetric else []
-    notes += ["Red: the mould, or the bars."] if scene.outline else []
+    notes += ["Red: the mould, the bars or the hose."] if scene.outline else []
     notes.append(f"Flowing: the viscous part of the stress is over {FLOW_THRESHOLD:.0%} of the yield stress.")
     shown = len(film["times"])
     fewer = f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all."
@@ -168,7 +167,7 @@ def view_notes(film: dict, scene) -> list[str]:
 def input_rows(run) -> list[tuple[str, str]]:
     """Rows of the table of inputs: keywords of the scene, and constants of mixes that are no keywords."""
     parameters = run.summary.get("parameters", {})
-    rows = inputs.rows(parameters, inputs.fields_of(run.source))
+    rows = inputs.rows(parameters, inputs.fields_of(run.source, run.scene_file))
     mixes = [] if "yield_value" in parameters else run.summary.get("materials") or []
     return rows + [(f"mix {k}", mix_in_words(mix)) for k, mix in enumerate(mixes, 1)]
 

@@ -75,8 +75,9 @@ def quoted(summary, name: str) -> str:
 def ending(summary, mixes=True) -> str:
     """Sentence on the reason and the time of the end and, with ``mixes``, on the mix; without, as the end of a
     sentence."""
-    reason = STOP_REASONS.get(summary["stopped_by"], str(summary["stopped_by"]))
-    text = f"{reason} after {summary['simulated_seconds']:.2f} s"
+    text = (
+        f"{STOP_REASONS.get(summary['stopped_by'], summary['stopped_by'])} after {summary['simulated_seconds']:.2f} s"
+    )
     if not mixes:
         return f"{text}."
     materials = summary.get("materials") or []

@@ -101,7 +101,7 @@ class Viewer {
   look() {
     const ahead = [Math.sin(this.turn) * Math.cos(this.tilt), Math.cos(this.turn) * Math.cos(this.tilt), -Math.sin(this.tilt)];
     const right = unit([ahead[1], -ahead[0], 0]), up = crossed(right, ahead);
-    const wide = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight), f = 1 / Math.tan(0.22), room = [0.94, 0.8];
+    const wide = Math.max(1, this.canvas.clientWidth) / Math.max(1, this.canvas.clientHeight), f = 1 / Math.tan(0.22), room = [0.94, 0.8];
     const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((a) => this.box[(k >> a) & 1][a]));
     let away = 0;
     for (const corner of corners) {
@@ -270,8 +270,9 @@ function dimension(viewer, { a, b, near, text, straight = false }) {
     [p, q] = [[p[0], below], [q[0], below]];
   }
   made.push(svg("line", { x1: p[0], y1: p[1], x2: q[0], y2: q[1], "marker-start": "url(#head)", "marker-end": "url(#head)" }));
-  const [x, y] = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
-  made.push(svg("text", level ? { x, y: y + 16, "text-anchor": "middle" } : { x: x + 7, y: y + 4 }, text));
+  const [x, y] = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])], wide = 8 * text.length, end = Math.max(p[0], q[0]) + 7;
+  const beside = wide > Math.abs(q[0] - p[0]) && end + wide < viewer.canvas.clientWidth; // of an arrow shorter than its text
+  made.push(svg("text", !level ? { x: x + 7, y: y + 4 } : beside ? { x: end, y: y + 4 } : { x, y: y + 16, "text-anchor": "middle" }, text));
   const defs = svg("defs"), head = svg("marker", { id: "head", viewBox: "0 0 10 6", refX: 10, refY: 3, markerWidth: 10, markerHeight: 6, markerUnits: "userSpaceOnUse", orient: "auto-start-reverse" });
   head.append(svg("path", { d: "M0 0L10 3L0 6z" }));
   defs.append(head);

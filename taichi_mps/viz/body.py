@@ -13,6 +13,7 @@ DEVIATION = 0.6  # standard deviation of the normal distribution of a ring, over
 REACH = 4  # cells within which a ring counts
 # of a line against bending, to find its edges, then to smooth it between them: waves of 8 l0 keep half of their height
 STIFFNESS = 100.0, 3000.0
+AXIS = 0.4  # radius within which the top of a heap is level, as its slump is read, over that of the mould's top
 EDGE = 0.01  # second difference of an edge, over l0: a bend of 3 l0 in radius
 SECTORS = 72  # of a solid of revolution
 GRAINS = np.array(
@@ -83,8 +84,11 @@ def surface_of(scene, part: Snapshot, cube: float, fields) -> tuple[Snapshot, np
     x, normals = (np.insert(v[:, None, :1] * rays, 2, v[:, 1:], axis=2).reshape(-1, 3) for v in (section.x, normals))
     (a, b), (c, d) = (parts.T[:, :, None] * SECTORS + np.roll(here, -k) for k in (0, 1))
     triangles = np.concatenate([np.stack(corners, -1).reshape(-1, 3) for corners in ((a, b, c), (b, d, c))])
-    fields = {name: np.repeat(getattr(section, name), SECTORS, axis=0) for name in ("u", *SCALARS)}
-    return replace(section, x=x, **fields), normals, triangles
+    return (
+        replace(section, x=x, **{name: np.repeat(getattr(section, name), SECTORS, 0) for name in ("u", *SCALARS)}),
+        normals,
+        triangles,
+    )
 
 
 def grains_of(scene, s: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -124,8 +128,8 @@ def grains_of(scene, s: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
 
 def profile(scene, part: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray] | None:
     """Line in (r, z) whose revolution is the surface of the body: a snapshot of its k points (k, 2) with the fields of
-    the nearest particles, their outward normals (k, 2), and its segments (m, 2), rows of the points. None for a body
-    without mould and rings."""
+    the nearest particles, their outward normals (k, 2), and its segments (m, 2), rows of the points. A heap of rings
+    from a mould is as wide as its outermost one, and level around the axis. None for a body without mould and rings."""
     if part.time == 0.0 and scene.mould:
         cone = scene.mould
         corners = np.array([(0.0, 0.0), (cone.base_radius, 0.0), (cone.top_radius, cone.height), (0.0, cone.height)])
@@ -136,7 +140,12 @@ def profile(scene, part: Snapshot) -> tuple[Snapshot, np.ndarray, np.ndarray] | 
         parts, rows = np.arange(len(points)).reshape(-1, 2), np.zeros(len(points), int)
     elif scene.axisymmetric:
         floors = [wall.point[1] for wall in scene.walls if isinstance(wall, Plane) and wall.normal[1] > 0.99]
-        points, normals, parts = contour(fit_to_mould(scene, part), max(floors, default=None))
+        fitted = fit_to_mould(scene, part)
+        points, normals, parts = contour(fitted, max(floors, default=None))
+        if scene.mould:  # smoothing takes off the thin rim, and rings leave a hole at the axis
+            points *= ((fitted.x[:, 0] + 0.5 * fitted.size).max() / points[:, 0].max(), 1.0)
+            near = points[:, 0] < AXIS * scene.mould.top_radius
+            points[near, 1] = points[near, 1].max()
         rows = ((points[:, None] - part.x) ** 2).sum(-1).argmin(1)
     else:
         return None
@@ -210,8 +219,7 @@ def smooth_line(points, parts, edge):
         for column, held in zip(points.T, (ends, ends & ~axis), strict=True):  # a radius is odd about the axis
             second = (neighbours - one) * ~held[:, None]
             stiff = one + stiffness * second.T @ (weight * second)
-            solved = np.linalg.solve(np.where(held[:, None], one, stiff), column)
-            columns.append(np.where(held, column, solved))
+            columns.append(np.where(held, column, np.linalg.solve(np.where(held[:, None], one, stiff), column)))
         smoothed = np.stack(columns, -1)
         bend = np.linalg.norm(neighbours @ smoothed - smoothed, axis=1) * ~ends
         weight = 1.0 / (1.0 + (bend / edge)[:, None] ** 4)

@@ -20,6 +20,7 @@ from taichi_mps.forecast import accuracy
 from taichi_mps.input import catalogue
 from taichi_mps.input.labels import written
 from taichi_mps.io.run_folder import RunFolder
+from taichi_mps.report.drawings import beginning
 from taichi_mps.report.page import write
 from taichi_mps.units import plain
 from tests.support.browser import chromium, needs_chromium, opened
@@ -30,6 +31,10 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="
 
 
 TOKEN = "kept.by~its_owner-1"
+# time that a pointer at the right end of the first chart reads
+READ = """(() => { const chart = document.querySelector('[data-part=curves] svg'), box = chart.getBoundingClientRect();
+  chart.dispatchEvent(new PointerEvent('pointermove', {clientX: box.right, clientY: box.top + 50}));
+  return parseFloat(chart.querySelector('.read').textContent); })()"""
 
 
 class Tab:
@@ -177,6 +182,10 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
             row.locator('[type="checkbox"]').check()
         one.press("compare")
         one.part("curves").locator("svg").first.locator("path").nth(1).wait_for()
+        assert one.page.evaluate(READ) == pytest.approx(
+            max(RunFolder(tmp_path / name).read_summary()["simulated_seconds"] for name in ("slump", "slump-2")),
+            rel=0.01,
+        ), "where the longest curve ends"
         assert (
             one.page.get_by_role("cell", name="500 Pa").is_visible()
             and one.page.get_by_role("cell", name="900 Pa").is_visible()
@@ -296,19 +305,28 @@ def test_a_length_asks_for_its_unit_and_the_tests_are_one_stop_of_the_keyboard(t
         assert tab.field("height").input_value() == "40 cm" and units.inner_text() == "", "a unit stands once"
         assert "height=40+cm" in tab.page.url and tab.page.locator(".asked button").count() == 0
         tab.set(rate="30", hose_diameter="90", age="10", spacing="0.02")
-        asked = {"30 l/min?", "90 mm?", "10 min?"}  # what the units of SI explain is not
-        assert set(tab.page.locator(".asked button").all_inner_texts()) == asked
+        # what the units of SI explain is not asked
+        assert set(tab.page.locator(".asked button").all_inner_texts()) == {"30 l/min?", "90 mm?", "10 min?"}
         assert tab.field("age").get_attribute("placeholder") == "0 min"
         assert tab.page.locator('#tests a[tabindex="0"]').count() == 1
         tab.page.locator('[data-test="wall"]').focus()
         tab.page.keyboard.press("ArrowRight")
         assert tab.page.evaluate("document.activeElement.dataset.test") == "printing"
-        frames = "frames: [{t: 0, x: [90, 10, 1]}, {t: 1, x: [10, 30, 1]}], film: 0.5"
-        scene = "scene: {periodic: true, low: [0, 0], high: [1, 1], unit: 0.01}"  # a period of 100
-        between = f"Stage.prototype.now.call({{{frames}, {scene}}})"
-        x = tab.page.evaluate(f"import('/static/stage.js').then(({{Stage}}) => [...{between}.x])")
+        x = tab.page.evaluate(  # in a period of 100
+            "import('/static/stage.js').then(({Stage}) => [...Stage.prototype.now.call({"
+            "frames: [{t: 0, x: [90, 10, 1]}, {t: 1, x: [10, 30, 1]}], film: 0.5,"
+            "scene: {periodic: true, low: [0, 0], high: [1, 1], unit: 0.01}}).x])"
+        )
         assert x == [100.0, 20.0, 1.0], "the nearer way, across the end of the period"
         assert tab.wrong == []
+
+
+@pytest.mark.parametrize(
+    ("test", "lengths"),
+    [("l_box", ["70 cm", "20 cm", "60 cm"]), ("flow_table", ["20 cm", "20 cm"]), ("vane", ["10 cm", "10 cm"])],
+)
+def test_a_vessel_has_its_lengths_a_round_one_its_diameter_and_a_section_no_depth(test, lengths):
+    assert [each["text"] for each in beginning(catalogue.build(test))["film"]["dimensions"][0]] == lengths
 
 
 LIST = "mix,slump [cm],spread [mm],note\nfive,17.99,319.3,<b>dry\nfar,15,600,\nmisread,20,200,=1\n"
@@ -338,9 +356,13 @@ def test_a_dropped_list_gives_the_table_of_the_command_line_with_reasons_chart_a
             assert tab.part("list-chart").evaluate("image => image.decode().then(() => image.naturalWidth)") > 500
             tab.page.reload()
             tab.field("list").wait_for()
-        data = "const data = new DataTransfer(); data.items.add(new File([text], 'dropped.csv'))"
-        sent = "place.dispatchEvent(new DragEvent('drop', {dataTransfer: data, bubbles: true, cancelable: true}))"
-        tab.page.evaluate(f"text => {{ const place = document.getElementById('calibrate'); {data}; {sent} }}", LIST)
+        tab.page.evaluate(
+            "text => { const dataTransfer = new DataTransfer();"
+            "dataTransfer.items.add(new File([text], 'dropped.csv'));"
+            "const drop = new DragEvent('drop', {dataTransfer, bubbles: true, cancelable: true});"
+            "document.getElementById('calibrate').dispatchEvent(drop) }",
+            LIST,
+        )
         tab.part("verdicts", "3 mixes").wait_for()
         assert tab.wrong == []
 

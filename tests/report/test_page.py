@@ -19,7 +19,7 @@ from taichi_mps.report import drawings, inputs, page, sentences
 from taichi_mps.report.verdict import verdict
 from taichi_mps.viz.body import surface_of
 from tests.support.browser import chromium, needs_chromium, opened
-from tests.support.child import child
+from tests.support.child import ROOT, child
 
 WORDS = "run slump --model quarter --spacing 0.02 --yield-value 500.0 --every 0.05 --until 0.4"
 
@@ -193,14 +193,19 @@ def test_a_killed_run_has_its_page(run, shown, tmp_path):
 def test_the_command_names_what_is_not_by_default(run):
     words = shlex.split(inputs.command("slump", run.read_summary(), 0.05))
     assert words[:2] == ["run", "slump"]
-    known = "--model=quarter --spacing=0.02 --yield-stress=500 --until=0.4 --every=0.05"
-    assert sorted(words[2:]) == sorted(known.split())
+    assert set(words[2:]) == {"--model=quarter", "--spacing=0.02", "--yield-stress=500", "--until=0.4", "--every=0.05"}
     record = page.RunRecord(run, None, None)
     assert shlex.split(page.repeat_command(record))[1:] == words[1:], "the time limit that was given"
     record.summary["parameters"]["until"] = None
     assert "--until=0.4" in page.repeat_command(record), "it went on to another"
     record.summary["simulated_seconds"] = 120.0
     assert "--until" not in page.repeat_command(record), "that of the scene"
+    fields = inputs.fields_of("block.py", ROOT / "scenes" / "slump.py")
+    assert shlex.split(inputs.command("block.py", run.read_summary(), 0.05, None, fields)) == [
+        "run",
+        "block.py",
+        *words[2:],
+    ], "its file"
     other = {
         "parameters": {"side": 0.5, "far": None, "rise": 0.0},
         "scheme": "semi-implicit",

@@ -15,10 +15,10 @@ export class Calibrate {
     this.inputs = {};
     const control = (field) => {
       const id = `measured-${field.name}`;
-      const shown = {id, "data-field": `calibrate-${field.name}`, placeholder: field.usual || "–", "aria-describedby": `${id}-wrong`};
+      const shown = {id, "data-field": `calibrate-${field.name}`, placeholder: field.usual || (field.unit === "m" ? "– cm" : "–"), "aria-describedby": `${id}-wrong`};
       this.inputs[field.name] = h("input", {...shown, inputmode: "decimal", oninput: (event) => this.set(field.name, event.target.value)});
       return h("div.field", {title: field.help}, h("label", {for: id}, field.label), this.inputs[field.name],
-        h("span.unit", {}, unitOf(field, "")), h("p.wrong", {id: `${id}-wrong`}), h("p.asked"));
+        h("span.unit"), h("p.wrong", {id: `${id}-wrong`}), h("p.asked"));
     };
     const [first, others] = [measurements.filter((it) => FIRST.includes(it.name)), measurements.filter((it) => !FIRST.includes(it.name))];
     this.check = h("input", {type: "checkbox", checked: true, id: "finer"});
@@ -55,7 +55,7 @@ export class Calibrate {
 
   unit(field, text) {
     const input = this.inputs[field.name], row = input.closest(".field");
-    row.querySelector(".unit").textContent = unitOf(field, text);
+    row.querySelector(".unit").textContent = text.trim() || field.unit !== "m" || field.usual ? unitOf(field, text) : "";
     question(field, text, row.querySelector(".asked"), (words) => { input.value = words; this.set(field.name, words); });
   }
 

@@ -184,7 +184,7 @@ async function forecast() {
   if (before && state.mode === "preview") {
     numbers(before.numbers, before.errors, `Last run of this test, ${before.name}: ${before.mix}; ${before.end}`, before.verdict);
     await body.report(before.report);
-  } else if (known.beginning && (!test().preview || known.beginning.dimension === 3) && state.mode === "preview") {
+  } else if (known.beginning && state.mode === "preview") {
     delete by("stage").dataset.old;
     await body.show(known.beginning, "before it flows, to scale");
     if (number !== checking) return;
@@ -250,7 +250,8 @@ async function preview() {
 
 function numbers(m, errors, words, verdict = "") {
   by("verdict").textContent = verdict;
-  const cells = Object.entries(m).filter(([key]) => key !== HIGHEST).slice(0, 4).map(([key, [value, text, name]]) => {
+  const other = (key) => key === HIGHEST || (key === "t500_s" && test().name !== "slump");  // no T500 of a small cone
+  const cells = Object.entries(m).filter(([key]) => !other(key)).slice(0, 4).map(([key, [value, text, name]]) => {
     const read = key === "slump_m" ? m[HIGHEST]?.[0] : value;  // EN 12350-2 reads the highest point
     const off = errors[key], kind = read == null || !standard() ? "" : en206(key, read);
     const small = value === null ? text : off ? `± ${off < 0.01 ? `${(1000 * off).toFixed(0)} mm` : `${(100 * off).toFixed(1)} cm`}` : "";
@@ -370,7 +371,7 @@ function lastRun(last) {
     ...(last.picture ? [h("img", {src: last.picture, alt: ""})] : []),
     h("div", {}, h("b", {}, "Last run "), h("span", {}, `${last.verdict} ${last.result}`), h("p", {}, `${last.test}, ${last.mix}`)),
     h("a.button", {href: `#runs/${encodeURIComponent(last.name)}`, "data-action": "open"}, "open"),
-    last.report && h("a.button", {href: last.report, target: "_blank", rel: "noopener"}, "report"),
+    ...(last.report ? [h("a.button", {href: last.report, target: "_blank", rel: "noopener"}, "report")] : []),
   );
 }
 

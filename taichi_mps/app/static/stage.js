@@ -3,6 +3,7 @@
 
 const REACH = 3; // of a particle's weight over the spacing; with less rows of particles show
 const PEAK = 31; // of its weight, in levels of 255
+const AXIS = 0.4; // of the radius of the mould's top: how far from the axis the slump is read
 const LONGEST = 4; // [s] that a film takes; a longer one is shown faster, and says so
 
 function weight(q) {
@@ -148,7 +149,8 @@ export class Stage {
     context.rotate((scene.tilt * Math.PI) / 180);
     if (scene.tilt) context.scale(1.2, 1.2); // its ends beyond those of the canvas
     context.translate(-w / 2, -h / 2);
-    context.drawImage(this.mask, 0, 0, w, h);
+    this.stretch = this.stretched(frame.m);
+    context.drawImage(this.mask, this.zero * (1 - this.stretch), 0, this.stretch * w, h);
     if (scene.periodic) this.dye(frame, ink);
     context.restore();
     context.font = `13px ${style.fontFamily}`;
@@ -243,7 +245,25 @@ export class Stage {
           if (level >= LEVEL) this.tops[x] = this.ground - y;
         }
       }
+    if (scene.rings && scene.mould.length) this.atAxis(data, w, h);
     context.putImageData(image, 0, 0);
+  }
+
+  // The measured radius of a heap over that of its body, of which smoothing takes off the thin rim.
+  stretched({spread_m: flow}) {
+    const far = this.tops.findLastIndex((top) => top > 0) - this.zero;
+    return this.scene.rings && flow?.[0] && far > 0 ? Math.max(1, Math.min(1.1, (0.5 * flow[0] * this.scale) / far)) : 1;
+  }
+
+  // The top of a heap, level where its slump is read: rings leave a hole at the axis.
+  atAxis(data, w, h) {
+    const near = AXIS * Math.abs(this.scene.mould[0].at(-1)[0]) * this.scale, columns = [];
+    for (let x = Math.max(0, Math.ceil(this.zero - near)); x < Math.min(w, this.zero + near); x++) columns.push(x);
+    const high = columns.reduce((best, x) => (this.tops[x] > this.tops[best] ? x : best), columns[0]);
+    for (const x of columns) {
+      this.tops[x] = this.tops[high];
+      for (let k = 4 * x; k < data.length; k += 4 * w) data.copyWithin(k, k + 4 * (high - x), k + 4 * (high - x) + 4);
+    }
   }
 
   path(points) {
@@ -333,7 +353,7 @@ export class Stage {
   }
 
   height(w, h, accent) {
-    const x = Math.max(0, Math.min(w - 1, Math.round(this.at))), top = this.tops[x];
+    const x = Math.max(0, Math.min(w - 1, Math.round(this.at))), top = this.tops[Math.round(this.zero + (x - this.zero) / this.stretch)];
     const {context, ground} = this, place = Math.abs(x - this.zero) / this.scale;
     context.strokeStyle = accent;
     context.beginPath();
