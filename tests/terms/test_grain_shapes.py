@@ -5,7 +5,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.geometry.packing import template
-from tests.support.grains import L0, THIN, G, two_bars
+from tests.support.grains import L0, THIN, G, advance, momenta, two_bars
 
 # in spacings, so that all lie well on the lattice: five discs that touch in a row, five spheres with three inertias
 ROD = [(4.0 * k, 0.0, 2.0) for k in (-2, -1, 0, 1, 2)]
@@ -27,15 +27,6 @@ def dry(shape, places, across=None, velocities=0.0, spin=(0.0, 0.0, 0.0), **more
     x = (centres[:, None] + arms).reshape(-1, d)
     scene = mps.Scene("dry", THIN, L0, x, ((-0.4,) * d, (0.4,) * d), **numbers)
     return mps.Simulation(scene, mps.Implicit(tolerance=1e-10))
-
-
-def momenta(sim):
-    """Momentum [kg m/s], angular momentum [kg m2/s] and kinetic energy [J] of all grains, in three dimensions."""
-    g, rigid = sim.grains, sim.scheme.rigid
-    m, turn = rigid.mass.to_numpy()[:, None], g.rotations
-    own = turn @ rigid.solid.to_numpy() @ turn.transpose(0, 2, 1) @ g.spins[..., None]
-    energy = 0.5 * (m * g.velocities**2).sum() + 0.5 * (g.spins * own[..., 0]).sum()
-    return (m * g.velocities).sum(0), (m * np.cross(g.centres, g.velocities) + own[..., 0]).sum(0), energy
 
 
 @pytest.mark.long
@@ -67,8 +58,7 @@ def test_two_ellipsoids_that_collide_keep_momentum_and_angular_momentum_and_go_o
             sim.step()
         ends.append(sim.state())
     assert all(np.array_equal(values, ends[1][name]) for name, values in ends[0].items())
-    while sim.time < 0.2:
-        sim.step()
+    advance(sim, 0.2)
     after, turned, left = momenta(sim)
     assert np.abs(sim.grains.spins[:, 1]).min() > 0.5 and left < energy, "they have not met"
     assert after == pytest.approx(momentum, abs=1e-9) and turned == pytest.approx(angular, abs=1e-9)
@@ -87,3 +77,19 @@ def test_a_rod_lies_across_a_gap_through_which_a_disc_twice_as_wide_falls():
             assert sim.grains.centres[0] == pytest.approx([0.0, 4.0 * L0], abs=0.03 * L0)
             assert np.abs(sim.grains.velocities).max() < 1e-4 and sim.scheme.contacts.number[0] == 2
     assert sim.grains.centres[0, 1] < -0.1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "shape, tangent, net",  # of a slope; what accelerates the grain along it, over its weight across
+    [(ROD, 0.392, 0.0), (ROD, 0.408, 0.008), ("sphere", 0.3, 0.3 * 5.0 / 7.0), ("sphere", 1.43, 1.03)],
+)
+def test_on_a_slope_a_rod_slides_above_its_friction_and_a_sphere_above_three_and_a_half_times(shape, tangent, net):
+    """Friction 0.4. The rod lies with five discs on the slope and cannot roll; below 3.5 mu the sphere rolls with 5/7
+    of its weight along it, by the inertia of the solid. 2 % on either side of the friction, and above 3.5 times it,
+    where rolling and slipping differ by 0.8 %."""
+    normal, weight = np.eye(2 if shape == ROD else 3)[-1], G / np.hypot(1.0, tangent)
+    gravity, floor = weight * (tangent * np.roll(normal, 1) - normal), mps.Plane(0.0 * normal, normal)
+    sim = dry(shape, [2.0 * L0 * normal], None if shape == ROD else 4.0, gravity=gravity, walls=(floor,))
+    advance(sim, 0.2)
+    assert sim.grains.velocities[0, 0] == pytest.approx(weight * net * sim.time, rel=2e-3, abs=1e-9)
