@@ -58,7 +58,7 @@ class ImplicitScheme(Scheme):
 
         self.rigid = NoOp("drift", "find", "project", "keep", "enter")
         self.contacts = NoOp(
-            "find", "check", "load", "update", "change_residual", "settle", "add_loads", "load_state", state=dict
+            "find", "check", "load", "update", "change_residual", "end_step", "add_loads", "load_state", state=dict
         )
         if scene.grains:
             self.rigid = self.term(Rigid, problem=problem)
@@ -150,7 +150,7 @@ class ImplicitScheme(Scheme):
         self.stress.advance(dt, u)
         self.pressure.keep()
         self.motion.advance(dt, u, first)
-        self.contacts.settle()
+        self.contacts.end_step()
         self.rigid.keep(u)
         self.rigid.drift(0.5 * dt)
         self.first = False

@@ -66,7 +66,7 @@ class Contacts(Term):
         self.old_normal, self.old_force = double_field(n, 3), double_field(n, 3)
         self.kept = [(getattr(self, name), getattr(self, f"old_{name}")) for name in kept]
         self.step = double_field()  # dt [s]
-        self.lasting = double_field(rigid.count)  # part of the forces on each grain that goes on [-]
+        self.force_fraction = double_field(rigid.count)  # of its forces, with which a step begins [-]
         # mobility of each grain, the inverse of what resists its translation [s/kg] and its rotation [s/(kg m2)]
         self.translation_mobility, self.rotation_mobility = (
             ti.Matrix.field(3, 3, ti.f64, rigid.count) for _ in range(2)
@@ -286,7 +286,7 @@ class Contacts(Term):
             self.rigid.distribute(g, force, torque, r)
 
     @stage("contacts")
-    def settle(self):
+    def end_step(self):
         """At the end of a step, before grains keep their motions: move them apart by a part of their overlaps, and keep
         of their forces the part that other forces than inertia need."""
         for g in range(self.rigid.count):
@@ -295,10 +295,10 @@ class Contacts(Term):
             for c in range(g * self.most, g * self.most + self.number[g]):
                 others -= self.force[c]
                 self.rigid.centre[g] += BACK * ti.max(0.0, -self.gap[c] - MAX_OVERLAP * self.spacing) * self.normal[c]
-            self.lasting[g] = ti.min(1.0, others.norm() / ti.max(inertia.norm(), 1e-30))
+            self.force_fraction[g] = ti.min(1.0, others.norm() / ti.max(inertia.norm(), 1e-30))
         for g in range(self.rigid.count):
             for c in range(g * self.most, g * self.most + self.number[g]):
-                self.force[c] *= ti.min(self.lasting[g], self.lasting[self.other(g, c)])
+                self.force[c] *= ti.min(self.force_fraction[g], self.force_fraction[self.other(g, c)])
 
     @ti.func
     def coefficient(self, c):
