@@ -413,7 +413,7 @@ def test_a_forecast_tells_what_a_run_will_be_and_leaves_nothing(capsys, tmp_path
     words = ["run", "wall", "--spacing", "4cm", "--until", "8s", "--forecast"]
     assert mps.main([*words, "--json"]) == 0
     lines = json.loads(capsys.readouterr().out)["forecast"]
-    assert "particles of 40 mm, half of the body; about " in lines[0] and " MB of memory" in lines[0]
+    assert "particles of 40 mm, model half; about " in lines[0] and " MB of memory" in lines[0]
     assert re.fullmatch(r"Pours \S+ l\. Takes about [\d.]+ (s|min)(; shorter the next time)?\.", lines[1])
     assert lines[-1].startswith("bars: 16 mm thick, thinner than a particle. A bar as thin resists")
     assert mps.main(words) == 0
