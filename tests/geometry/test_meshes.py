@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import taichi_mps as mps
 from taichi_mps.engine.geometry import solid
+from taichi_mps.engine.geometry.mesh_files import triangles_of_polygons
 from taichi_mps.engine.geometry.meshes import MAX_GAP, mesh_distance, read_mesh
 from taichi_mps.engine.problem.problem import Problem
 from tests.support.cube import CORNERS, box
@@ -331,6 +334,14 @@ def test_faces_that_are_concave_polygons_are_cut_into_triangles_within_them(tmp_
         turn *= np.linalg.det(turn)
         points, triangles, said = told(prism(tmp_path / f"prism.{suffix}", outline, start, turn), max_length=500.0)
         assert mesh_distance(x @ turn.T, points, triangles) == pytest.approx(right, abs=1e-9) and not said
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 2)] * 3), min_size=4, max_size=8))
+def test_triangles_of_any_polygon_have_its_area(polygon):
+    """The sum of their vector areas is that of the polygon, whatever of itself it crosses or touches."""
+    x = np.array(polygon, float)
+    a, b, c = triangles_of_polygons(x, [np.arange(len(x))]).transpose(1, 0, 2)
+    assert np.cross(b - a, c - a).sum(0) == pytest.approx(np.cross(x, np.roll(x, -1, 0)).sum(0), abs=1e-9)
 
 
 def test_an_obj_file_counts_its_corners_from_one_or_backwards(tmp_path):

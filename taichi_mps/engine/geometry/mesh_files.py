@@ -100,19 +100,21 @@ READERS = {"stl": read_stl, "obj": read_obj, "ply": read_ply}
 
 
 def triangles_of_polygons(corners, polygons):
-    """Triangles (m, 3, 3) of polygons, rows of ``corners`` (n, 3); those of more than three corners are cut by libigl.
+    """Triangles (m, 3, 3) of polygons, rows of ``corners`` (n, 3); those of more than three corners are cut by
+    manifold3d.
 
-    A fan of triangles, which trimesh makes, leaves a concave polygon.
+    A fan of triangles, which trimesh makes, leaves a concave polygon; libigl's ear clipping ends the process at one
+    that crosses itself.
     """
-    from igl.predicates import ear_clipping
+    import manifold3d
 
     faces = [polygon for polygon in polygons if len(polygon) == 3]
-    for polygon in (np.roll(polygon, -1) for polygon in polygons if len(polygon) > 3):  # a convex one becomes a fan
+    for polygon in (np.roll(polygon, 1) for polygon in polygons if len(polygon) > 3):
         x = corners[polygon] - corners[polygon[0]]
         normal = np.cross(x[1:-1], x[2:]).sum(axis=0)
         axis = np.abs(normal).argmax()
         plane = np.roll(range(3), -axis)[1:][:: 1 if normal[axis] > 0.0 else -1]  # seen from outside
-        faces.extend(polygon[ear_clipping(x[:, plane])[1]])
+        faces.extend(polygon[manifold3d.triangulate([x[:, plane]])])
     rows = np.array(faces, np.int64).reshape(-1, 3)
     require(np.all((rows >= 0) & (rows < len(corners))), "damaged; a triangle names a point that is not there")
     return corners[rows]
