@@ -201,7 +201,7 @@ class Scene:
 
     @cached_property
     def streams(self) -> list[Stream]:
-        """What the inlets bring, with grains; none without."""
+        """Stream of each inlet in a scene with grains; none without grains."""
         return [Stream(self, inlet) for inlet in self.inlets] if self.grains else []
 
     @cached_property

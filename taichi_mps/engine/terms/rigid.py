@@ -43,7 +43,7 @@ class Rigid(Term):
         self.count, self.members = len(radii), int((number > 0).sum())
         self.yields = problem.law == "yield-stress"
         self.begin, self.grain_of = ti.field(ti.i32, self.count + 1), ti.field(ti.i32, self.members)
-        self.end = ti.field(ti.i32, self.count)  # of the members of each grain, their beginning if it is yet to enter
+        self.end = ti.field(ti.i32, self.count)  # behind the last member of each grain, its first if it is yet to enter
         # of each member, a particle of a grain, and the number of its sphere among those of all grains
         self.row, self.sphere_of = (ti.field(ti.i32, self.members) for _ in range(2))
         spheres = self.count * self.parts
@@ -317,7 +317,7 @@ class Rigid(Term):
             for m in range(self.begin[g], self.end[g]):
                 y = self.arm[m]
                 J += y.dot(y) * ti.Matrix.identity(ti.f64, 3) - y.outer_product(y)
-            if self.end[g] > self.begin[g]:  # else it stays zero
+            if self.end[g] > self.begin[g]:  # of another all sums are zero
                 self.inverse[g] = (J + 1e-12 * J.trace() * ti.Matrix.identity(ti.f64, 3)).inverse()
             for a in ti.static(range(self.dimension)):
                 if ti.static(self.neighbors.bins.periodic[a]):
