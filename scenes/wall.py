@@ -95,14 +95,15 @@ def scene(
         path = rebar or mps.write_bars(Path(folder) / "rebar.stl", ends, 0.5 * bar_diameter)
         cell, reach = min(0.5 * spacing, 0.4 * bar_diameter), 2.5 * spacing
         bars = mps.Solid.from_mesh(path, cell, reach, scale=rebar_scale if rebar else 1.0, name="bars")
+    back = mps.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), mirror=True)
+    if model == "full":
+        back = mps.Plane((0.0, low, 0.0), (0.0, 1.0, 0.0), slip=smooth, name="back")
     walls = (
         mps.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), name="floor"),
         mps.Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), slip=smooth, name="near"),
         mps.Plane((length, 0.0, 0.0), (-1.0, 0.0, 0.0), slip=smooth, name="far"),
         mps.Plane((0.0, half, 0.0), (0.0, -1.0, 0.0), slip=smooth, name="side"),
-        mps.Plane(
-            (0.0, low, 0.0), (0.0, 1.0, 0.0), slip=smooth and model == "full", mirror=model == "half", name="back"
-        ),
+        back,
         bars,
     )
     cavity = mps.Cavity((0.0, low, 0.0), (length, half, height), walls, spacing)
