@@ -14,6 +14,7 @@ RIWLIN = "B_taylor_couette.csv and closed form"
 STOPPED = "time step capped to T_stop/200; stopped: max speed < 1e-3 V"
 THRESHOLD = "B_fe_initial_velocity_threshold.csv"
 GHIA = "own solution beside Ghia et al. (1982)"
+KRIEGER = "Krieger and Dougherty (1959), phi_m = 0.64"
 INERTIAL, INERTIALESS = "finite elements with inertia", "finite elements without inertia"
 ARRESTED = f"{INERTIAL}: it stands at tau_y; {INERTIALESS}: below which it flows"
 
@@ -106,7 +107,12 @@ TABLE = [
     Row("suspension_dilute", "one sphere in a cube of four diameters in shear between plates, Newtonian",
         "Einstein (1906): 1 + 2.5 phi; unbounded", grains.dilute, {"across": (4, 6, 8)}),
     Row("suspension", "spheres 4 across in a cube of six diameters in shear between plates, Newtonian, strain 1",
-        "Krieger and Dougherty (1959), phi_m = 0.64", grains.suspensions, {"across": 4, "fractions": (0.1, 0.2, 0.3)}),
+        KRIEGER, grains.suspensions, {"across": 4, "fractions": (0.1, 0.2, 0.3)}),
+    Row("suspension_fine", "the same, 6 across", KRIEGER, grains.suspensions,
+        {"across": 6, "fractions": (0.1, 0.2, 0.3)}),
+    Row("suspension_yield", "the same, 4 across, a yield stress of 100 times the viscous stress",
+        "Chateau, Ovarlez and Trung (2008), phi_m = 0.57", grains.suspensions,
+        {"across": 4, "fractions": (0.1, 0.2, 0.3), "law": grains.YIELDING, "constant": "yield stress", "bound": 0.15}),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),
     collapse(500.0, 0.02),

@@ -1,8 +1,9 @@
-"""Grains in mortar: the yield stress that holds a sphere, and the viscosity of a suspension."""
+"""Grains in mortar: the yield stress that holds a sphere, viscosity and yield stress of a suspension."""
 
 import numpy as np
 
 import taichi_mps as mps
+from taichi_mps.study.mortar import growth
 
 from . import Measured, record
 
@@ -10,6 +11,8 @@ SIZE, DENSITY, EXTRA, VISCOSITY, GRAVITY = 0.016, 2200.0, 500.0, 20.0, 9.81  # [
 HELD = 0.143 / 3.0  # tau_y/(drho g d) that holds a sphere (Beris et al. 1985)
 EINSTEIN, PACKED = 2.5, 0.64  # intrinsic viscosity of spheres (Einstein 1906), volume fraction at which they jam
 LIGHT = 20.0  # density [kg/m3] with which a shear is steady after some milliseconds
+NEWTONIAN = mps.Newtonian(viscosity=VISCOSITY, density=LIGHT)
+YIELDING = mps.Bingham(yield_value=100.0, plastic_viscosity=1.0, density=LIGHT)  # all but yield stress at 1/s
 STANDS, CREEP = 1e-4, 1e-6  # speeds over Stokes' after 2 s: of a sphere that is held, and well above the threshold
 
 
@@ -42,9 +45,9 @@ def held(across: int):
     yield Measured("speed over Stokes' where the yield stress is a quarter above", abs(speeds[-1]), CREEP)
 
 
-def thickened(across: int, wide: int, strain: float, **grains) -> tuple[float, float]:
-    """Shear stress of a Newtonian fluid with grains over that without, mean of the second half of a strain, and the
-    volume fraction of their particles; between plates ``wide`` diameters apart, periodic along them, at 1/s."""
+def thickened(across: int, wide: int, strain: float, law=NEWTONIAN, **grains) -> tuple[float, float]:
+    """Shear stress of a fluid with grains over that without, mean of the second half of a strain, and the volume
+    fraction of their particles; between plates ``wide`` diameters apart, periodic along them, at 1/s."""
     spacing, side = SIZE / across, wide * SIZE
     x = mps.lattice((0.0,) * 3, (side,) * 3, spacing)
     walls = [
@@ -53,7 +56,7 @@ def thickened(across: int, wide: int, strain: float, **grains) -> tuple[float, f
     ]
     scene = mps.Scene(
         "suspension",
-        mps.Newtonian(viscosity=VISCOSITY, density=LIGHT),
+        law,
         spacing,
         x,
         ((0.0, 0.0, -4.0 * spacing), (side, side, side + 4.0 * spacing)),
@@ -68,7 +71,7 @@ def thickened(across: int, wide: int, strain: float, **grains) -> tuple[float, f
 
     def stress(sim):
         forces = [load.force[0] for load in sim.snapshot().loads.values()]
-        return 0.5 * (forces[0] - forces[1]) / (VISCOSITY * side**2)
+        return 0.5 * (forces[0] - forces[1]) / (law.shear_stress(1.0, 1.0) * side**2)
 
     _, times, stresses = record(scene, stress, until=strain)
     return float(stresses[times > 0.5 * strain].mean()), float((scene.grain_places[0] > 0).mean())
@@ -82,9 +85,11 @@ def dilute(across):
         yield Measured(f"intrinsic viscosity {found:.2f}, {each} across, relative", found / EINSTEIN - 1.0, 0.12)
 
 
-def suspensions(across: int, fractions):
-    """Viscosity of suspensions in a cube of six diameters, sheared to a strain of 1, one seed each."""
+def suspensions(across: int, fractions, law=NEWTONIAN, constant="viscosity", bound=0.12):
+    """A constant of suspensions over that of their fluid, in a cube of six diameters, sheared to a strain of 1, one
+    seed each."""
     for fraction in fractions:
-        relative, _ = thickened(across, 6, 1.0, volume_fraction=fraction, seed=1)
-        krieger = (1.0 - fraction / PACKED) ** (-EINSTEIN * PACKED)
-        yield Measured(f"{relative:.2f} times the viscosity at {fraction:g}, relative", relative / krieger - 1.0, 0.12)
+        relative, _ = thickened(across, 6, 1.0, law, volume_fraction=fraction, seed=1)
+        viscosity = (1.0 - fraction / PACKED) ** (-EINSTEIN * PACKED)
+        known = growth(fraction)["yield_value"] if law.yields else viscosity
+        yield Measured(f"{relative:.2f} times the {constant} at {fraction:g}, relative", relative / known - 1.0, bound)
