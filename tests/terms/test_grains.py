@@ -303,6 +303,19 @@ def test_a_disc_in_shear_turns_with_half_of_the_shear_rate():
 
 
 @pytest.mark.long
+def test_an_ellipse_in_shear_turns_over_in_the_time_of_jeffery():
+    """Jeffery 1922, unbounded: half a turn in pi (r + 1/r)/gamma, r the ratio of the axes with the second moments of its
+    particles, each a square; 12 across in a gap of six diameters."""
+    sim = sheared(0.36, diameter=0.06, shape="ellipse 2:1")
+    s = sim.snapshot()
+    moments = np.linalg.eigvalsh(np.cov(s.x[s.grain > 0].T, bias=True) + 0.005**2 / 12.0 * np.eye(2))
+    ratio = (moments[1] / moments[0]) ** 0.5
+    while sim.time < 1.0 or sim.grains.rotations[0, 1, 0] < 0.0:
+        sim.step()
+    assert sim.time == pytest.approx(np.pi * (ratio + 1.0 / ratio), rel=0.03)
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("across, bound", [(4, 0.1), (8, 0.05)])
 def test_spheres_in_a_cubic_array_settle_as_fast_as_by_sangani_and_acrivos(across, bound):
     """Periodic box two diameters wide, Newtonian, radius of equal volume; series of Sangani and Acrivos 1982, which
