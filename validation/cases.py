@@ -102,7 +102,7 @@ TABLE = [
     Row("cavity_400_fine", "lid-driven cavity, Re = 400, 100 across", GHIA,
         vortices.cavity, {"reynolds": 400, "until": 30.0, "good": 0.03, "across": 100}),
     # ---- grains.py ----
-    Row("sphere_held", "a sphere 8 across, 16 mm, in a closed box of 2.5 diameters with no-slip walls, 20 Pa s, 2 s",
+    Row("sphere_held", "a sphere 8 across, 16 mm, in a closed box of 2.5 diameters, no-slip, 20 Pa s, 2 s; creep, 5 s",
         "Beris et al. (1985): 2 tau_y pi a^2/F = 0.143", grains.held, {"across": 8}),
     Row("suspension_dilute", "one sphere in a cube of four diameters in shear between plates, Newtonian",
         "Einstein (1906): 1 + 2.5 phi; unbounded", grains.dilute, {"across": (4, 6, 8)}),

@@ -13,7 +13,10 @@ EINSTEIN, PACKED = 2.5, 0.64  # intrinsic viscosity of spheres (Einstein 1906), 
 LIGHT = 20.0  # density [kg/m3] with which a shear is steady after some milliseconds
 NEWTONIAN = mps.Newtonian(viscosity=VISCOSITY, density=LIGHT)
 YIELDING = mps.Bingham(yield_value=100.0, plastic_viscosity=1.0, density=LIGHT)  # all but yield stress at 1/s
-STANDS, CREEP = 1e-4, 1e-6  # speeds over Stokes' after 2 s: of a sphere that is held, and well above the threshold
+STANDS, CREEP = (
+    1e-4,
+    1e-6,
+)  # speeds over Stokes': after 2 s of a sphere that is held, after 5 s well above the threshold
 
 
 def sphere(across: int, number: float, until: float):
@@ -39,10 +42,10 @@ def held(across: int):
         number = 0.5 * (low + high)
         _, speeds, equal = sphere(across, number, 2.0)
         low, high = (low, number) if abs(speeds[-1]) < STANDS else (number, high)
-    found, (_, speeds, _) = 0.5 * (low + high), sphere(across, 1.25 * HELD, 2.0)
+    found, (_, speeds, _) = 0.5 * (low + high), sphere(across, 1.25 * HELD, 5.0)
     yield Measured(f"tau_y/(drho g d) {found / equal:.4f}, equal volume, relative", found / equal / HELD - 1.0, 0.08)
     yield Measured(f"tau_y/(drho g d) {found:.4f}, diameter as given, relative", found / HELD - 1.0, 0.15)
-    yield Measured("speed over Stokes' where the yield stress is a quarter above", abs(speeds[-1]), CREEP)
+    yield Measured("speed over Stokes' after 5 s where the yield stress is a quarter above", abs(speeds[-1]), CREEP)
 
 
 def thickened(across: int, wide: int, strain: float, law=NEWTONIAN, **grains) -> tuple[float, float]:
