@@ -337,23 +337,6 @@ def test_bars_are_written_closed_and_read_back_with_their_volume(tmp_path):
 
 
 @NEEDS_IGL
-def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
-    """The room of a horizontal bar of square section drawn as a mesh is a form of 0.2 x 0.2 x 0.6 m."""
-    side = 0.1 / np.sqrt(np.pi / 4.0)  # radius of the round bar with the area of a square of 0.2 m
-    path = mps.write_bars(tmp_path / "form.stl", [[(0.0, 0.0, 0.0), (0.6, 0.0, 0.0)]], side, sides=4)
-    form = mps.Solid.from_mesh(path, 0.01, 0.05, inside=True)
-    low, high = np.array(form.low) + 0.05, np.array(form.low) + 0.01 * (np.array(form.values.shape) - 1) - 0.05
-    cavity = mps.Cavity(tuple(low), tuple(high), (form,), 0.02)
-    assert cavity.cells.sum() * np.prod(cavity.cell) == pytest.approx(0.2 * 0.2 * 0.6, rel=0.03)
-    inlet = mps.Inlet((0.3, 0.0, 0.1), (0.0, 0.0, -1.0), 0.03, 0.001, 0.01)
-    shared = dict(name="form", material=mps.Bingham(), spacing=0.02, fluid=None, walls=(form,), cavity=cavity)
-    shared |= dict(domain=((-0.1, -0.3, -0.3), (0.7, 0.3, 0.3)))
-    assert len(mps.Scene(inlets=(inlet,), **shared).initial) == 4
-    with pytest.raises(mps.SceneError, match="reaches into a wall"):
-        mps.Scene(inlets=(replace(inlet, centre=(-0.02, 0.0, 0.0)),), **shared)
-
-
-@NEEDS_IGL
 def test_a_mesh_in_millimetres_needs_a_scale(tmp_path):
     path = str(mps.write_bars(tmp_path / "mm.stl", [[(200.0, 50.0, 10.0), (200.0, 50.0, 400.0)]], 8.0))
     with pytest.raises(mps.SceneError, match=r"mm.stl: .* x 390 m; must .* at most 25 m long .*0.001 for a file in"):
