@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+import taichi_mps as mps
 from taichi_mps.engine.runtime import backend
 
 TESTS = Path(__file__).parent
@@ -25,6 +26,17 @@ settings.register_profile("quick", max_examples=25, derandomize=True, **slow)
 @pytest.fixture(scope="module", autouse=True)
 def taichi():
     backend.init(arch="cpu", precision="f64", threads=1)
+
+
+@pytest.fixture
+def command(capsys):
+    """Run a command line in this process: (exit code, stdout, stderr)."""
+
+    def run(*words):
+        code = mps.main([str(word) for word in words])
+        return code, *capsys.readouterr()
+
+    return run
 
 
 # files of 20 s and more, the slow part among them, the longest first: at the end no worker waits for a long file

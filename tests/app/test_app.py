@@ -652,7 +652,6 @@ def test_its_end_is_silent_about_a_preview_under_way(tmp_path):
         assert line.getresponse().status == 200  # begun: its result takes some seconds
 
 
-def test_without_the_extra_it_says_how_to_get_it(monkeypatch, capsys):
+def test_without_the_extra_it_says_how_to_get_it(monkeypatch, command):
     monkeypatch.setattr("taichi_mps.app.command.find_spec", lambda name: None)
-    assert mps.main(["app"]) == 2
-    assert capsys.readouterr().err == "taichi-mps: app needs starlette: pip install 'taichi-mps[app]'\n"
+    assert command("app") == (2, "", "taichi-mps: app needs starlette: pip install 'taichi-mps[app]'\n")
