@@ -262,15 +262,20 @@ def test_bi_viscosity_film():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("motion", "part"), [("shear", 1.0), ("stretch", 0.5)])
-def test_a_free_body_is_sheared_against_the_whole_law_and_stretched_against_half_of_it(motion, part):
-    """The power of viscosity is that of the law in shear, and half of it, 4 eta rate^2 of the area, in stretching: lap
-    u ends at the surface, where P = 0, and dissipates eta grad u:grad u instead of 2 eta e:e. The surface rows, 2 of
-    40, lack a part."""
+@pytest.mark.parametrize(
+    ("gradient", "part"),
+    [([[0.0, 2.0], [0.0, 0.0]], 1.0), ([[1.0, 0.0], [0.0, -1.0]], 0.5), ([[0.0, -1.0], [1.0, 0.0]], 0.5)],
+    ids=["shear", "stretch", "spin"],
+)
+def test_a_free_body_is_sheared_against_the_whole_law_and_stretched_against_half_of_it(gradient, part):
+    """The power of viscosity is that of the law in shear, and half of it, 4 eta rate^2 of the area, in stretching; it
+    brakes a rotation as much: lap u ends at the surface, where P = 0, and dissipates eta grad u:grad u instead of
+    2 eta e:e. The surface rows, 2 of 40, lack a part."""
     cells, eta, dt = 40, 50.0, 1e-6
     x = block(2, cells) - 0.5 * cells * L0
-    u = np.column_stack([2.0 * x[:, 1], 0.0 * x[:, 0]] if motion == "shear" else [x[:, 0], -x[:, 1]])
-    simulation = at_start(open_scene(x, mps.Newtonian(2300.0, eta), velocity=u, gravity=(0.0, 0.0)))
+    simulation = at_start(
+        open_scene(x, mps.Newtonian(2300.0, eta), velocity=x @ np.transpose(gradient), gravity=(0.0, 0.0))
+    )
     simulation.scheme.viscosity.predict(dt, 0.05, 1)
     before = simulation.particles.read()["u"]
     change = (simulation.scheme.viscosity.u_star.to_numpy() - before) / dt
