@@ -61,17 +61,6 @@ def test_a_tilted_plane_reflects_distances():
 
 
 # ---- the lattice ----------------------------------------------------------------------------------------------
-def as_set(x):
-    return {tuple(point) for point in np.round(x, 9).tolist()}
-
-
-@pytest.mark.parametrize(("model", "parts", "axes"), [("half", 2, (1,)), ("quarter", 4, (0, 1))])
-def test_the_cone_is_part_of_the_whole_lattice(model, parts, axes):
-    whole, part = mps.slump_cone(), mps.slump_cone(model=model)
-    assert parts * len(part.fluid) == len(whole.fluid)
-    assert as_set(part.fluid) == as_set(whole.fluid[np.all(whole.fluid[:, axes] > 0.0, axis=1)])
-    assert as_set(part.unfold(mps.measure.still(part.fluid, 0.01)).x) == as_set(whole.fluid)
-    assert np.prod(np.subtract(*part.domain)) == pytest.approx(np.prod(np.subtract(*whole.domain)) / parts, rel=0.05)
 
 
 def test_no_particle_starts_on_a_mirror_plane():

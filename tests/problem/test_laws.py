@@ -167,6 +167,11 @@ def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, 
             "structuration = -1.0 Pa/s: must be greater than or equal to 0 Pa/s",
         ),
         (lambda: mps.Concrete(flow_index=9.0), "flow_index = 9.0: must be less than or equal to 4"),
+        (lambda: mps.slump_cone(friction_angle=90.0), "friction_angle = 90"),
+        (
+            lambda: mps.slump_cone(friction_angle=20.0, critical_strain_rate=0.1),
+            "friction_angle = 20 deg: needs a true yield stress",
+        ),
         (
             lambda: mps.HerschelBulkley(plastic_viscosity=20.0),
             "unknown key 'plastic_viscosity': the law Bingham has it",

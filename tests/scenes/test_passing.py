@@ -54,12 +54,20 @@ def test_thirds_are_those_of_the_depth_at_the_place_of_a_grain():
     assert mps.measure.grains(still(deep, 0.01)) == {}
 
 
-@pytest.mark.parametrize("name", ["j_ring", "v_funnel", "u_box"])
-def test_the_full_model_is_the_part_and_its_images(name):
-    even = {"top": 0.525} if name == "v_funnel" else {}  # columns of particles that the middle plane leaves whole
-    part, full = (catalogue.build(name, **even, **model) for model in ({}, {"model": "full"}))
+@pytest.mark.parametrize(
+    ("name", "mirrors", "model"),
+    [
+        ("j_ring", 2, {}),
+        ("v_funnel", 2, {"top": 0.525}),  # columns of particles that the middle plane leaves whole
+        ("u_box", 1, {}),
+        ("slump", 2, {"model": "quarter"}),
+        ("slump", 1, {"model": "half"}),
+    ],
+)
+def test_the_full_model_is_the_part_and_its_images(name, mirrors, model):
+    part, full = catalogue.build(name, **model), catalogue.build(name, **model | {"model": "full"})
     whole = part.unfold(still(part.fluid, part.spacing)).x
-    assert not full.mirrors and len(part.mirrors) == (1 if name == "u_box" else 2)
+    assert not full.mirrors and len(part.mirrors) == mirrors
     order = [np.lexsort(np.round(x / full.spacing, 3).T) for x in (whole, full.fluid)]
     assert np.abs(whole[order[0]] - full.fluid[order[1]]).max() < 1e-12
     low, high = np.array(full.domain)
