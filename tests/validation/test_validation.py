@@ -114,13 +114,6 @@ def result(*numbers, error=None, case="film"):
 SLUMP, VOLUME = ("slump at rest", 1.0, 5.0, "mm", True), ("volume", 2.0, 0.5, "%", False)
 
 
-def test_table_counts_misses_and_failures():
-    text = table.markdown({"couette": result(VOLUME), "slump_100": result(case="cone", error="diverged at t = 1 s")})
-    assert "| film | exact | volume | 2 % | <= 0.5 % | **missed** | 1 |\n" in text
-    assert "| cone | exact | - | - | - | **failed**: diverged at t = 1 s | 1 |\n" in text
-    assert "0 of 1 numbers meet their target; 1 rows failed" in text and "semi-implicit" not in text
-
-
 def test_both_schemes_stand_side_by_side():
     """Results of both schemes are listed line by line; a number with another name keeps it, and the reason that ended a
     row follows its numbers."""
