@@ -44,11 +44,10 @@ def test_the_largest_volume_error_is_reported_and_goes_on_where_a_run_is_resumed
     assert sim.report.volume_error_max >= kept["report"]["volume_error_max"] == max(errors[:-1])
 
 
+@pytest.mark.filterwarnings("error::UserWarning")
 def test_a_volume_that_was_not_kept_on_the_way_is_a_warning_with_a_remedy(block):
     sim = begun(block)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        sim.run(until=0.01)
+    sim.run(until=0.01)
     sim.step()
     sim.report = replace(sim.report, volume_error_max=0.36)
     with pytest.warns(UserWarning, match="volume_error_max = 36.0%: .* not kept within 2% .* a smaller spacing"):
@@ -128,14 +127,13 @@ def test_who_reaches_the_edge_of_the_domain_is_told_which_and_what_enlarges_it()
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(("viscosity", "reaches"), [(1.0, 0.5), (0.1, 0.6)])
 def test_a_thin_mix_stays_on_the_floor_of_the_slump_test(viscosity, reaches):
     """A mix of 1 Pa and 0.1 Pa s spreads to 1 m without leaving the domain, whose default ends at 0.555 m."""
     given = dict(yield_value=1.0, plastic_viscosity=viscosity, spacing=0.02, model="axisymmetric")
     sim = mps.Simulation(replace(mps.catalogue.build("slump", **given), measure=None))  # nothing is left at the axis
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        sim.run(until=1.0)
+    sim.run(until=1.0)
     assert reaches < sim.snapshot().x[:, 0].max() < sim.scene.domain[1][0]
 
 
