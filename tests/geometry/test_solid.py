@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import taichi_mps as mps
 from taichi_mps.viz import render
@@ -20,16 +21,23 @@ def seen(wall, x, time=0.0):
     return probe.z.to_numpy(), probe.normal.to_numpy()
 
 
-def test_a_flat_solid_is_exact_wherever_it_has_travelled_to():
-    """A linear distance is interpolated to rounding by the kernels and by NumPy, also after the solid has moved."""
-    normal = np.array([1.0, 2.0, -2.0]) / 3.0
-    solid = mps.Solid.of(lambda x: x @ normal - 0.1, (-1.0,) * 3, (1.0,) * 3, 0.07, velocity=(0.3, 0.0, 0.0))
-    x = np.random.default_rng(1).uniform(-0.9, 0.9, (60, 3))
+@pytest.mark.parametrize("velocity, turn", [((0.3, 0.0, 0.0), 0.0), ((0.0,) * 3, 0.7)], ids=["travels", "turns"])
+def test_a_flat_solid_is_exact_wherever_it_has_moved_to(velocity, turn):
+    """A linear distance is interpolated to rounding by the kernels and by NumPy, also after the solid has travelled or
+    turned; its surface moves as the solid does."""
+    normal, pivot, axis = np.array([1.0, 2.0, -2.0]) / 3.0, (0.1, -0.2, 0.0), (0.0, 0.0, 1.0)
+    moves = {"velocity": velocity, "angular_velocity": turn, "pivot": pivot, "axis": axis}
+    solid = mps.Solid.of(lambda x: x @ normal - 0.1, (-1.0,) * 3, (1.0,) * 3, 0.07, **moves)
+    x = np.random.default_rng(1).uniform(-0.7, 0.7, (60, 3))
     for time in (0.0, 0.2):
-        z, n = seen(solid, x, time)
-        exact = (x - (0.3 * time, 0.0, 0.0)) @ normal - 0.1
-        assert np.allclose(z, exact, atol=1e-12) and np.allclose(n, normal, atol=1e-12)
-        assert np.allclose(solid.distance(x, time), exact, atol=1e-12)
+        probe = Probe((solid,), x, time=time)
+        turned = Rotation.from_rotvec(turn * time * np.array(axis)).apply(normal)
+        exact = (x - pivot - time * np.array(velocity)) @ turned + normal @ pivot - 0.1
+        foot = x - exact[:, None] * turned
+        known = {"z": exact, "normal": turned, "velocity": velocity + np.cross(turn * np.array(axis), foot - pivot)}
+        for name, values in known.items():
+            np.testing.assert_allclose(getattr(probe, name).to_numpy() - values, 0.0, atol=1e-12)
+        np.testing.assert_allclose(solid.distance(x, time), exact, atol=1e-12)
     beyond = np.array([[1.5, 0.0, 0.0]])
     assert np.isinf(solid.distance(beyond)[0]) and seen(solid, beyond)[0][0] > 1e8
 

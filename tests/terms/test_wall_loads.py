@@ -122,27 +122,6 @@ def test_a_slow_paste_with_a_flow_curve_converges_in_a_full_vessel():
 
 
 @pytest.mark.long
-def test_what_turns_with_its_vessel_is_not_held_back():
-    """A blade that turns with its cup moves as a rigid body with the fluid, without torque and strain."""
-    spacing, turning = 0.005, {"angular_velocity": TURN}
-    corners = np.array([(-0.03, -0.012), (0.03, -0.012), (0.03, 0.012), (-0.03, 0.012)])
-    ends = (-0.055, -0.055), (0.055, 0.055), 0.0025
-    blade = mps.Solid.of(lambda x: mps.polygon_distance(x, corners), *ends, pivot=(0.0, 0.0), name="blade", **turning)
-    cup = mps.Cylinder((0.0, 0.0), 0.06, name="cup", **turning)
-    x = mps.lattice((-0.06, -0.06), (0.06, 0.06), spacing)
-    x = x[(cup.distance(x) > 0.3 * spacing) & (blade.distance(x) > 0.3 * spacing)]
-    sim = mps.Simulation(vessel(blade, cup, x, velocity=TURN * np.stack([-x[:, 1], x[:, 0]], axis=1), until=0.5))
-    sim.run()
-    s, angle = sim.snapshot(), TURN * sim.time
-    sheared = 2.0 * np.pi * 0.03**2 * ETA * TURN  # the torque if it were sheared with the rate TURN [N]
-    assert s.shear_rate.max() < 0.05 * TURN
-    assert abs(s.loads["blade"].torque[0]) < 0.02 * sheared
-    turned = x @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    assert np.abs(s.x - turned).max() < 0.1 * spacing
-    assert blade.distance(s.x, sim.time).min() > 0.25 * spacing, "the distance turns with the blade"
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("model", ["quarter", "axisymmetric"])
 def test_a_part_between_mirror_planes_has_the_loads_of_the_whole(model):
     """The floor of a part of the cone carries the weight less the gain of momentum, without a force along it or a
