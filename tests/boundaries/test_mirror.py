@@ -9,6 +9,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.viz import render, view_volume
 from tests.support.rigs import L0, Rig, cloud
+from tests.support.scenes import ran
 
 WEST = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
@@ -157,9 +158,7 @@ def test_a_quarter_of_the_cone_slumps_as_the_whole():
     """On a frictionless floor, where the whole height flows, a quarter comes to rest within a fifth of a spacing in
     slump and one in spread of the whole cone (docs/limits.md). Floors with friction: rows slump_*_quarter of the
     validation table."""
-    quarter, whole = (mps.Simulation(scene) for scene in cone_scenes(0.015, slip=True, yield_value=500.0))
-    for sim in (quarter, whole):
-        sim.run()
+    quarter, whole = map(ran, cone_scenes(0.015, slip=True, yield_value=500.0))
     assert 4 * len(quarter.scene.fluid) == len(whole.scene.fluid) and whole.measures()["slump_m"] > 0.05
     for name, bound in {"slump_m": 0.003, "spread_m": 0.015}.items():
         assert quarter.measures()[name] == pytest.approx(whole.measures()[name], abs=bound)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 import taichi_mps as mps
 from taichi_mps.viz import render
 from tests.support.rigs import L0, RE, Probe, Rig, cloud
+from tests.support.scenes import ran
 
 PIPE = mps.Cylinder((0.05, 0.0, 0.02), 0.33, axis=(1.0, 2.0, -2.0))
 WATER = mps.Newtonian(density=1000.0, viscosity=1e-3)
@@ -102,9 +103,7 @@ def test_a_thin_plate_holds_a_column():
 
     gate = mps.Solid.of(distance, (0.7, -0.4), (1.4, 1.9), 0.25 * l0, slip=True)
     scene = tank(CONCRETE, (*mps.box_planes((0.0, 0.0), (2.5, 1.0), slip=True), gate))
-    sim = mps.Simulation(scene)
-    sim.run(until=0.5)
-    s = sim.snapshot()
+    s = ran(scene, until=0.5).snapshot()
     assert s.x[:, 0].max() < 1.0
     assert abs(s.x[:, 1].max() + 0.5 * l0 - 0.6) < 1.5 * l0
 
@@ -124,8 +123,7 @@ def test_nothing_leaks_where_walls_meet():
     solid = mps.Solid.of(distance, (-0.3, -1.0), (2.6, 1.5), 0.025)
     scene = tank(WATER, (solid,))
     scene = replace(scene, fluid=scene.fluid @ Q.T, domain=((-0.5, -1.2), (3.0, 2.0)))
-    sim = mps.Simulation(scene)
-    sim.run(until=0.6)
+    sim = ran(scene, until=0.6)
     s = sim.snapshot()
     assert sim.walls.surfaces[0].faces == 2
     assert solid.distance(s.x).min() > 0.0 and distance(s.x).min() > 0.0

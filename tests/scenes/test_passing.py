@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli import main as cli
 from taichi_mps.engine.problem.measures import still
-from taichi_mps.input import catalogue
 from taichi_mps.report.sentences import passing
 
 CUBE = 0.01 * (np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3))  # a grain of eight particles [m]
@@ -36,7 +34,7 @@ def layer(low, high):
     ],
 )
 def test_grains_and_mortar_beyond_are_those_that_were_put_there(name, beyond):
-    scene = catalogue.build(name, model="full")
+    scene = mps.catalogue.build(name, model="full")
     at = [beyond(d) for d in (-0.03, -0.002, 0.002, 0.04, 0.06)]  # two of them have particles on either side
     mortar = np.array([beyond(d) for d in (-0.05, -0.04, -0.001, 0.001)])
     measures = scene.measure(body(at, mortar))
@@ -65,7 +63,7 @@ def test_thirds_are_those_of_the_depth_at_the_place_of_a_grain():
     ],
 )
 def test_the_full_model_is_the_part_and_its_images(name, mirrors, model):
-    part, full = catalogue.build(name, **model), catalogue.build(name, **model | {"model": "full"})
+    part, full = mps.catalogue.build(name, **model), mps.catalogue.build(name, **model | {"model": "full"})
     whole = part.unfold(still(part.fluid, part.spacing)).x
     assert not full.mirrors and len(part.mirrors) == mirrors
     order = [np.lexsort(np.round(x / full.spacing, 3).T) for x in (whole, full.fluid)]
@@ -83,7 +81,7 @@ def test_the_full_model_is_the_part_and_its_images(name, mirrors, model):
 
 @pytest.mark.parametrize(("bars", "gap"), [("3", 0.041), ("2", 0.176 / 3.0)])
 def test_the_slice_of_the_box_is_a_bar_and_the_gap_of_the_standard(bars, gap):
-    slice_of, box = (catalogue.build("l_box", spacing=0.008, bars=bars, model=model) for model in ("slice", "full"))
+    slice_of, box = (mps.catalogue.build("l_box", spacing=0.008, bars=bars, model=model) for model in ("slice", "full"))
     width = slice_of.domain[1][1] - slice_of.domain[0][1]
     assert slice_of.periodic == (False, True, False) and width / 0.008 == pytest.approx(round(width / 0.008))
     assert abs(width - gap - 0.012) < 0.004 + 1e-12  # half a particle
@@ -127,6 +125,6 @@ def test_the_verdict_on_what_passes(grains, passed, mortar, verdict):
 )
 def test_what_cannot_be_with_grains_is_refused_in_a_line_that_says_what_to_do(words, told, capsys):
     given = ["--grains", "16mm", "--grains-volume", "0.1", "--forecast"]
-    assert cli.main(["run", *words.split(), *given]) == 2
+    assert mps.main(["run", *words.split(), *given]) == 2
     *_, line = capsys.readouterr().err.strip().splitlines()
     assert told in line and line.startswith("taichi-mps: ")

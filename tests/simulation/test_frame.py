@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
+from tests.support.scenes import ran
 
 STIFF = {"density": 2300.0, "yield_value": 1000.0}
 MIX = mps.Bingham(plastic_viscosity=50.0, **STIFF)
@@ -73,8 +74,7 @@ def heap(speed, spacing=0.005, until=0.6):
         domain=((-0.4, -0.02), (0.4 + until * speed, 0.15)),
         until=until,
     )
-    sim = mps.Simulation(scene)
-    sim.run()
+    sim = ran(scene)
     return sim.snapshot().x[:, 1].mean(), sim.steps
 
 
@@ -102,9 +102,7 @@ def test_blocks_that_collide_off_centre_keep_their_angular_momentum(aside, mater
     scene = mps.Scene(
         "hit", material, spacing, x, ((-1.0, -1.0), (1.0, 1.0)), velocity=u, gravity=(0.0, 0.0), until=0.1
     )
-    sim = mps.Simulation(scene)
-    sim.run()
-    s = sim.snapshot()
+    s = ran(scene).snapshot()
     spun = [(y[:, 0] * v[:, 1] - y[:, 1] * v[:, 0]).sum() for y, v in ((x, u), (s.x, s.u))]
     assert spun[1] == pytest.approx(spun[0], rel=1e-3)
     assert np.abs(s.u.mean(axis=0)).max() < 1e-5
@@ -128,9 +126,7 @@ def pool(turned, l0=0.01, width=0.06, depth=0.3):
         gravity=swapped(0.0, -9.81),
         until=0.1,
     )
-    sim = mps.Simulation(scene)
-    sim.run()
-    s, along = sim.snapshot(), 0 if turned else 1
+    s, along = ran(scene).snapshot(), 0 if turned else 1
     return s.speed.max(), np.polyval(np.polyfit(s.x[:, along], s.p, 1), 0.0), s.x[:, along].max() + 0.5 * l0
 
 

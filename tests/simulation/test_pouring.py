@@ -17,6 +17,7 @@ from taichi_mps.engine.terms.pressure import LOOSE
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.report import drawings
 from tests.support.cube import box
+from tests.support.scenes import ran
 
 NEEDS_IGL = pytest.mark.skipif(find_spec("igl") is None, reason="the distance of a mesh is libigl's")
 L0, RATE, LAYERS = 0.02, 0.04, 9
@@ -75,9 +76,7 @@ def test_what_a_slow_jet_pours_stands_as_high_as_its_volume(yield_value, plastic
         inlets=(mps.Inlet((0.5 * width, 0.25), (0.0, -1.0), radius=0.06, rate=rate, volume=0.0204),),
         until=0.0204 / rate + 1.5,
     )
-    sim = mps.Simulation(scene)
-    sim.run()
-    s = sim.snapshot()
+    s = ran(scene).snapshot()
     assert s.x[:, 1].mean() == pytest.approx(0.5 * len(s.x) * l0**2 / width, rel=LOOSE)
 
 
