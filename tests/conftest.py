@@ -39,6 +39,16 @@ def command(capsys):
     return run
 
 
+@pytest.fixture
+def resumed(monkeypatch):
+    """What ``resume`` does with nothing started or computed: "started", and the options with which it would go on."""
+    seen = []
+    monkeypatch.setattr(mps.backend, "init", lambda *_: seen.append("started"))
+    monkeypatch.setattr("taichi_mps.io.checkpoint.Checkpoint.resume", lambda *_, **__: None)
+    monkeypatch.setattr("taichi_mps.cli.main.carry_out", lambda *given, **_: seen.append(given[2]) or 0)
+    return seen
+
+
 # files of 20 s and more, the slow part among them, the longest first: at the end no worker waits for a long file
 LONGEST = (
     "app/test_app.py",

@@ -217,12 +217,9 @@ def test_a_checkpoint_without_its_run_is_refused_and_nothing_written(run, tmp_pa
         (["taichi_mps.json"], ""),
     ],
 )
-def test_missing_files_of_a_run_are_told_and_its_mark_is_made_again(run, command, monkeypatch, gone, told):
+def test_missing_files_of_a_run_are_told_and_its_mark_is_made_again(run, command, resumed, gone, told):
     for name in gone:
         (run.path / name).unlink()
-    monkeypatch.setattr(mps.backend, "init", lambda *_: None)
-    monkeypatch.setattr(mps.checkpoint.Checkpoint, "resume", lambda *_, **__: None)
-    monkeypatch.setattr("taichi_mps.cli.main.carry_out", lambda *_, **__: 0)
     assert command("resume", run.path) == (0, "", f"taichi-mps: run = {run.path}: {told}\n" * bool(told)) and run.ours
 
 
