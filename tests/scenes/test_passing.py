@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.engine.problem.measures import still
 from taichi_mps.report.sentences import passing
 
 CUBE = 0.01 * (np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3))  # a grain of eight particles [m]
@@ -16,11 +15,7 @@ def body(centres, mortar, spacing=0.01):
     """Snapshot of grains of eight particles at these centres [m], and of particles of mortar [m]."""
     x = np.vstack([*(np.array(centre) + CUBE for centre in centres), mortar])
     grain = np.r_[np.repeat(np.arange(len(centres)) + 1, 8), np.zeros(len(mortar), int)]
-    return replace(still(x, spacing), grain=grain)
-
-
-def layer(low, high):
-    return mps.lattice(low, high, 0.01)
+    return replace(mps.measure.still(x, spacing), grain=grain)
 
 
 @pytest.mark.parametrize(
@@ -40,16 +35,17 @@ def test_grains_and_mortar_beyond_are_those_that_were_put_there(name, beyond):
     measures = scene.measure(body(at, mortar))
     assert measures["grains_number"] == 5.0 and measures["grains_passed_number"] == 3.0
     assert measures["mortar_passed_ratio"] == 0.25
-    assert "grains_number" not in scene.measure(still(scene.fluid, scene.spacing))  # columns of a run without grains
+    assert "grains_number" not in scene.measure(mps.measure.still(scene.fluid, scene.spacing))  # without grains
 
 
 def test_thirds_are_those_of_the_depth_at_the_place_of_a_grain():
-    deep, shallow = layer((0.0, 0.0, 0.0), (0.1, 0.1, 0.12)), layer((0.1, 0.0, 0.0), (0.3, 0.1, 0.06))
+    deep = mps.lattice((0.0, 0.0, 0.0), (0.1, 0.1, 0.12), 0.01)
+    shallow = mps.lattice((0.1, 0.0, 0.0), (0.3, 0.1, 0.06), 0.01)
     places = [(0.05, 0.05, z) for z in (0.02, 0.06, 0.1)] + [(0.25, 0.05, z) for z in (0.01, 0.03, 0.05, 0.048)]
     found = mps.measure.grains(body(places, np.vstack([deep, shallow])))
     thirds = [found[f"grains_{third}_ratio"] for third in ("bottom", "middle", "top")]
     assert thirds == pytest.approx([2 / 7, 2 / 7, 3 / 7], abs=1e-12)
-    assert mps.measure.grains(still(deep, 0.01)) == {}
+    assert mps.measure.grains(mps.measure.still(deep, 0.01)) == {}
 
 
 @pytest.mark.parametrize(
@@ -64,7 +60,7 @@ def test_thirds_are_those_of_the_depth_at_the_place_of_a_grain():
 )
 def test_the_full_model_is_the_part_and_its_images(name, mirrors, model):
     part, full = mps.catalogue.build(name, **model), mps.catalogue.build(name, **model | {"model": "full"})
-    whole = part.unfold(still(part.fluid, part.spacing)).x
+    whole = part.unfold(mps.measure.still(part.fluid, part.spacing)).x
     assert not full.mirrors and len(part.mirrors) == mirrors
     order = [np.lexsort(np.round(x / full.spacing, 3).T) for x in (whole, full.fluid)]
     assert np.abs(whole[order[0]] - full.fluid[order[1]]).max() < 1e-12
