@@ -29,7 +29,7 @@ CHEAPEST_OF_THE_PAPERS = "dam_break_front", "square_patch", "elliptical_drop", "
 # What of these rows misses its target, by scheme, row and part of the quantity's name: its largest size all the same.
 # The gate of Martin and Moyce opened late, by up to 0.3 sqrt(a/2g), in which their front moves by 21 %; with the delay
 # the front meets the target. The paper's scheme does not hold a body together that is pulled, and its Laplacian resists
-# a rotation that is rigid (tests/reference/C_rotating_disc_laplacian_torque.csv).
+# a rotation that is rigid (schemes/test_semi_implicit.py).
 MISSED = {
     ("implicit", "dam_break_front", "no delay"): 0.264,
     ("implicit", "slump_100", "volume at 5 s"): 0.7,
