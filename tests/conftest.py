@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+import taichi_mps as mps
 from taichi_mps.engine.runtime import backend
 
 TESTS = Path(__file__).parent
@@ -25,6 +26,27 @@ settings.register_profile("quick", max_examples=25, derandomize=True, **slow)
 @pytest.fixture(scope="module", autouse=True)
 def taichi():
     backend.init(arch="cpu", precision="f64", threads=1)
+
+
+@pytest.fixture
+def command(capsys):
+    """Run a command line in this process: (exit code, stdout, stderr)."""
+
+    def run(*words):
+        code = mps.main([str(word) for word in words])
+        return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def resumed(monkeypatch):
+    """What ``resume`` does with nothing started or computed: "started", and the options with which it would go on."""
+    seen = []
+    monkeypatch.setattr(mps.backend, "init", lambda *_: seen.append("started"))
+    monkeypatch.setattr("taichi_mps.io.checkpoint.Checkpoint.resume", lambda *_, **__: None)
+    monkeypatch.setattr("taichi_mps.cli.main.carry_out", lambda *given, **_: seen.append(given[2]) or 0)
+    return seen
 
 
 # files of 20 s and more, the slow part among them, the longest first: at the end no worker waits for a long file

@@ -104,18 +104,6 @@ def test_message(call, parts):
         assert part in str(error.value)
 
 
-def test_a_step_back_is_refused():
-    sim = mps.Simulation(mps.slump_cone(spacing=0.05))
-    for call, message in (
-        (lambda: sim.step(until=0.0), "until = 0.0 s: must be later than the present time, 0 s"),
-        (lambda: sim.step(until=math.nan), "until = nan s: must be a finite number"),
-        (lambda: sim.run(until=math.nan), "until = nan s: must be a finite number"),
-        (lambda: sim.every(None, print), "interval = None s: must be a"),
-    ):
-        with pytest.raises(SceneError, match=message):
-            call()
-
-
 @pytest.mark.filterwarnings("ignore:critical_strain_rate")
 @settings(max_examples=60, deadline=None)
 @given(

@@ -225,17 +225,12 @@ def test_a_bad_value_is_told_at_its_field_and_a_calibration_fills_the_form(tmp_p
         tab.page.unroute("**/ask/*")
         tab.set(plastic_viscosity="")
         assert tab.page.locator(".number").count() == 0, "no numbers of the mix before"
-        tab.set(yield_value="1,000")  # one number to some, another to others
-        tab.page.locator("#field-yield_value-wrong", has_text="1.000 or 1000").wait_for()
         tab.set(yield_value="400")
         tab.set(spacing="0.0001")
         tab.page.locator("#field-spacing-wrong", has_text="Fills the box with").wait_for()
-        for text in ("2 cm", "0.02", "20mm", "2,0 cm"):
-            tab.set(spacing="")
-            tab.part("forecast", "5,504 particles of 10 mm").wait_for(state="attached")
-            tab.set(spacing=text)
-            tab.part("forecast", "675 particles of 20 mm").wait_for(state="attached")
-            tab.field("spacing").press("Enter")  # which runs nothing
+        tab.set(spacing="2,0 cm")
+        tab.part("forecast", "675 particles of 20 mm").wait_for(state="attached")
+        tab.field("spacing").press("Enter")  # which runs nothing
         tab.set(consistency="30", plastic_viscosity="20")
         tab.page.locator("#field-plastic_viscosity-wrong", has_text="empty its field").wait_for()
         tab.set(consistency="", plastic_viscosity="")
@@ -652,7 +647,6 @@ def test_its_end_is_silent_about_a_preview_under_way(tmp_path):
         assert line.getresponse().status == 200  # begun: its result takes some seconds
 
 
-def test_without_the_extra_it_says_how_to_get_it(monkeypatch, capsys):
+def test_without_the_extra_it_says_how_to_get_it(monkeypatch, command):
     monkeypatch.setattr("taichi_mps.app.command.find_spec", lambda name: None)
-    assert mps.main(["app"]) == 2
-    assert capsys.readouterr().err == "taichi-mps: app needs starlette: pip install 'taichi-mps[app]'\n"
+    assert command("app") == (2, "", "taichi-mps: app needs starlette: pip install 'taichi-mps[app]'\n")

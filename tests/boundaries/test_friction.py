@@ -8,6 +8,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.engine.runtime.backend import ti
 from tests.support.rigs import MASS_RATE, System, cloud
+from tests.support.scenes import ran
 
 DENSITY, G, DEPTH = 2300.0, 9.81, 0.1  # kg/m3, m/s2, m
 ANGLE = np.radians(10.0)
@@ -43,8 +44,7 @@ def test_newtonian_film_slips_by_the_wall_stress_over_the_viscous_constant():
     """With Navier's slip of half of the surface speed a Newtonian film has its exact profile within 2 %, as without
     slip, and the floor carries its weight."""
     eta = 100.0
-    sim = mps.Simulation(film(mps.Friction(viscous_constant=ROUGHNESS), mps.Newtonian(DENSITY, eta)))
-    sim.run(until=1.0)  # 9 rho H/k
+    sim = ran(film(mps.Friction(viscous_constant=ROUGHNESS), mps.Newtonian(DENSITY, eta)), until=1.0)  # 9 rho H/k
     s = sim.snapshot()
     y = s.x[:, 1] / DEPTH
     exact = WEIGHT / ROUGHNESS + WEIGHT * DEPTH / eta * (y - 0.5 * y**2)
@@ -76,8 +76,7 @@ def test_a_plug_stands_on_a_floor_that_holds_more_than_its_weight():
     (columns) that grows with h. A solve balances forces to its tolerance of the weight, and h u/l0^2 is the force
     density of h on a motion u that alternates: u is at most tolerance rho g l0^2/h."""
     scene = film(mps.Friction(yield_value=1.05 * WEIGHT), STIFF)
-    sim = mps.Simulation(scene)
-    sim.run(until=0.5)
+    sim = ran(scene, until=0.5)
     s = sim.snapshot()
     assert s.speed.max() < 1e-6
     assert np.linalg.norm(s.x - sim.scene.fluid, axis=1).max() < 1e-3 * s.spacing

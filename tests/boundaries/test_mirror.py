@@ -9,6 +9,7 @@ import pytest
 import taichi_mps as mps
 from taichi_mps.viz import render, view_volume
 from tests.support.rigs import L0, Rig, cloud
+from tests.support.scenes import ran
 
 WEST = mps.Plane((0.0, 0.0), (1.0, 0.0), mirror=True)
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
@@ -61,17 +62,6 @@ def test_a_tilted_plane_reflects_distances():
 
 
 # ---- the lattice ----------------------------------------------------------------------------------------------
-def as_set(x):
-    return {tuple(point) for point in np.round(x, 9).tolist()}
-
-
-@pytest.mark.parametrize(("model", "parts", "axes"), [("half", 2, (1,)), ("quarter", 4, (0, 1))])
-def test_the_cone_is_part_of_the_whole_lattice(model, parts, axes):
-    whole, part = mps.slump_cone(), mps.slump_cone(model=model)
-    assert parts * len(part.fluid) == len(whole.fluid)
-    assert as_set(part.fluid) == as_set(whole.fluid[np.all(whole.fluid[:, axes] > 0.0, axis=1)])
-    assert as_set(part.unfold(mps.measure.still(part.fluid, 0.01)).x) == as_set(whole.fluid)
-    assert np.prod(np.subtract(*part.domain)) == pytest.approx(np.prod(np.subtract(*whole.domain)) / parts, rel=0.05)
 
 
 def test_no_particle_starts_on_a_mirror_plane():
@@ -168,9 +158,7 @@ def test_a_quarter_of_the_cone_slumps_as_the_whole():
     """On a frictionless floor, where the whole height flows, a quarter comes to rest within a fifth of a spacing in
     slump and one in spread of the whole cone (docs/limits.md). Floors with friction: rows slump_*_quarter of the
     validation table."""
-    quarter, whole = (mps.Simulation(scene) for scene in cone_scenes(0.015, slip=True, yield_value=500.0))
-    for sim in (quarter, whole):
-        sim.run()
+    quarter, whole = map(ran, cone_scenes(0.015, slip=True, yield_value=500.0))
     assert 4 * len(quarter.scene.fluid) == len(whole.scene.fluid) and whole.measures()["slump_m"] > 0.05
     for name, bound in {"slump_m": 0.003, "spread_m": 0.015}.items():
         assert quarter.measures()[name] == pytest.approx(whole.measures()[name], abs=bound)

@@ -7,6 +7,7 @@ import pytest
 
 import taichi_mps as mps
 from tests.support.rigs import L0, Probe, Rig, cloud
+from tests.support.scenes import ran
 
 UP = (0.0, 0.0, 1.0)
 SHEET = mps.Cylinder((0.0, 0.0, -0.2), 0.32, axis=UP, slope=-0.2, length=0.4, thin=True)  # both rims in the cloud
@@ -92,9 +93,8 @@ def test_force_at_a_thin_wall_is_the_negative_transpose_of_the_gradient(slip):
 def moved(walls, until):
     """Displacements (n, 2) [m] of a block that would stand, between walls, until a time [s]."""
     x = mps.fill(mps.Box((0.0, 0.0), (1.0, 0.5)), L0)
-    sim = mps.Simulation(mps.Scene("block", mps.Bingham(yield_value=20000.0), L0, x, ((-1.0,) * 2, (2.0,) * 2), walls))
-    sim.run(until=until)
-    return sim.snapshot().x - x
+    scene = mps.Scene("block", mps.Bingham(yield_value=20000.0), L0, x, ((-1.0,) * 2, (2.0,) * 2), walls)
+    return ran(scene, until=until).snapshot().x - x
 
 
 @pytest.mark.parametrize(
@@ -146,9 +146,8 @@ def test_the_mould_holds_the_concrete_and_is_lifted_off_it():
     sim.every(0.1, lambda sim: leaks.append(through(scene, sim.snapshot())))
     assert sim.run() == "rest"
     assert sim.time > 1.0 and max(leaks) == 0
-    instant = mps.Simulation(lifted(lift_speed=None))
-    instant.run()
-    assert abs(sim.measures()["slump_m"] - instant.measures()["slump_m"]) < scene.spacing
+    instant = ran(lifted(lift_speed=None)).measures()
+    assert abs(sim.measures()["slump_m"] - instant["slump_m"]) < scene.spacing
     scene.check(sim.snapshot(), sim.measures())
 
 

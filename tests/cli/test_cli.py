@@ -360,17 +360,15 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
         ("info nowhere", "run = nowhere: holds no summary.json"),
     ],
 )
-def test_bad_input_is_one_clear_line_exit_2_and_nothing_written(words, message, tmp_path, monkeypatch, capsys):
+def test_bad_input_is_one_clear_line_exit_2_and_nothing_written(words, message, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     files = {"file": "", "empty.py": EMPTY, "broken.py": "def scene(:", "bare.py": "scene = 3"}
     returned = "import taichi_mps as mps\n@mps.checked\ndef scene() -> mps.Scene:\n    return "
     files |= {"none.py": returned + "3", "raises.py": returned + "1 / 0"}
     for name, text in files.items():
         Path(name).write_text(text)
-    assert mps.main(words.split(" ")) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1 and message in err
+    code, out, err = command(*words.split(" "))
+    assert (code, out, err.count("\n")) == (2, "", 1) and message in err
     assert {path.name for path in tmp_path.iterdir()} - {"__pycache__"} == set(files)
 
 
@@ -389,9 +387,9 @@ def test_bad_input_is_one_clear_line_exit_2_and_nothing_written(words, message, 
         ),
     ],
 )
-def test_what_is_asked_is_told(words, told, capsys):
-    assert mps.main(words.split()) == 0
-    assert told in "".join(capsys.readouterr())
+def test_what_is_asked_is_told(words, told, command):
+    code, *said = command(*words.split())
+    assert code == 0 and told in "".join(said)
 
 
 def test_help_lists_every_keyword_with_unit_and_default_without_taichi(tmp_path):
@@ -407,15 +405,13 @@ def test_help_lists_every_keyword_with_unit_and_default_without_taichi(tmp_path)
         assert option in out
 
 
-def test_a_forecast_tells_what_a_run_will_be_and_leaves_nothing(capsys, tmp_path, monkeypatch):
+def test_a_forecast_tells_what_a_run_will_be_and_leaves_nothing(command, tmp_path, monkeypatch):
     pytest.importorskip("igl")
     monkeypatch.chdir(tmp_path)
     words = ["run", "wall", "--spacing", "4cm", "--until", "8s", "--forecast"]
-    assert mps.main([*words, "--json"]) == 0
-    lines = json.loads(capsys.readouterr().out)["forecast"]
+    lines = json.loads(command(*words, "--json")[1])["forecast"]
     assert "particles of 40 mm, model half; about " in lines[0] and " MB of memory" in lines[0]
     assert re.fullmatch(r"Pours \S+ l\. Takes about [\d.]+ (s|min)(; shorter the next time)?\.", lines[1])
     assert lines[-1].startswith("bars: 16 mm thick, thinner than a particle. A bar as thin resists")
-    assert mps.main(words) == 0
-    assert capsys.readouterr().out == "\n".join(lines) + "\n"
+    assert command(*words)[:2] == (0, "\n".join(lines) + "\n")
     assert not any(tmp_path.iterdir())

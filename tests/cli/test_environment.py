@@ -98,13 +98,12 @@ def test_a_limit_of_address_space_is_one_line(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a folder in use stays there")
-def test_a_current_folder_that_is_gone_is_named(tmp_path, monkeypatch, capsys):
+def test_a_current_folder_that_is_gone_is_named(tmp_path, monkeypatch, command):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     (tmp_path / "here").rmdir()
-    assert mps.main(["run", "film"]) == 2
     told = "taichi-mps: the current folder has been removed; must be one that is there\n"
-    assert capsys.readouterr().err == told
+    assert command("run", "film") == (2, "", told)
 
 
 # ---- paths -----------------------------------------------------------------------------------------------------
@@ -144,9 +143,9 @@ def run(tmp_path):
     return folder
 
 
-def test_a_time_limit_that_has_passed_is_refused_and_the_case_stays(run, capsys):
-    assert mps.main(["resume", str(run.path), "--until", "10ms"]) == 2
-    assert capsys.readouterr().err == "taichi-mps: until = 0.01 s: 0.02 s of the run have passed; must be longer\n"
+def test_a_time_limit_that_has_passed_is_refused_and_the_case_stays(run, command):
+    told = "taichi-mps: until = 0.01 s: 0.02 s of the run have passed; must be longer\n"
+    assert command("resume", run.path, "--until", "10ms") == (2, "", told)
     assert run.case.read_text(encoding="utf-8") == "until = 1.0"
 
 
@@ -176,17 +175,16 @@ def ended(tmp_path, monkeypatch):
         ("unyielded", ["--note=mine"], ", it is at rest; without effect: note"),
     ],
 )
-def test_where_nothing_is_left_to_compute_it_is_told_and_all_files_stay(ended, capsys, end, words, told):
+def test_where_nothing_is_left_to_compute_it_is_told_and_all_files_stay(ended, command, end, words, told):
     folder, finish = ended
     finish(end)
     before = contents(folder.path)
-    assert mps.main(["resume", str(folder.path), "--json", *words]) == 0
-    out, err = capsys.readouterr()
-    assert err == f"taichi-mps: run = {folder.path}: nothing left to compute{told}\n"
+    code, out, err = command("resume", folder.path, "--json", *words)
+    assert (code, err) == (0, f"taichi-mps: run = {folder.path}: nothing left to compute{told}\n")
     assert json.loads(out) == folder.read_summary() and contents(folder.path) == before
 
 
-def test_numerics_are_refused_where_only_the_summary_is_missing(ended, capsys):
+def test_numerics_are_refused_where_only_the_summary_is_missing(ended, command):
     folder, finish = ended
     finish("time")
     folder.summary.unlink()
@@ -194,23 +192,21 @@ def test_numerics_are_refused_where_only_the_summary_is_missing(ended, capsys):
     keywords.header["parameters"]["until"] = 0.02
     keywords.write(folder.checkpoint)
     before = contents(folder.path)
-    assert mps.main(["resume", str(folder.path), "--max-time-step=1ms"]) == 2
-    told = "max_time_step: nothing is left to compute; must be left out, or with a later until"
-    assert capsys.readouterr().err == f"taichi-mps: {told}\n" and contents(folder.path) == before
+    told = "taichi-mps: max_time_step: nothing is left to compute; must be left out, or with a later until\n"
+    assert command("resume", folder.path, "--max-time-step=1ms") == (2, "", told) and contents(folder.path) == before
 
 
 @pytest.mark.parametrize("foreign", [[], ["notes.txt", "history.csv"]])
-def test_a_checkpoint_without_its_run_is_refused_and_nothing_written(run, tmp_path, capsys, foreign):
+def test_a_checkpoint_without_its_run_is_refused_and_nothing_written(run, tmp_path, command, foreign):
     here = tmp_path / "copied"
     here.mkdir()
     (here / "checkpoint.h5").write_bytes(run.checkpoint.read_bytes())
     for name in foreign:
         (here / name).write_text("mine")
     before = contents(here)
+    told = f"taichi-mps: run = {here}: holds a checkpoint but not its run; must be the whole folder of the run\n"
     for path in (here, here / "checkpoint.h5"):
-        assert mps.main(["resume", str(path)]) == 2
-        told = f"run = {here}: holds a checkpoint but not its run; must be the whole folder of the run"
-        assert capsys.readouterr().err == f"taichi-mps: {told}\n" and contents(here) == before
+        assert command("resume", path) == (2, "", told) and contents(here) == before
 
 
 @pytest.mark.parametrize(
@@ -221,23 +217,18 @@ def test_a_checkpoint_without_its_run_is_refused_and_nothing_written(run, tmp_pa
         (["taichi_mps.json"], ""),
     ],
 )
-def test_missing_files_of_a_run_are_told_and_its_mark_is_made_again(run, capsys, monkeypatch, gone, told):
+def test_missing_files_of_a_run_are_told_and_its_mark_is_made_again(run, command, resumed, gone, told):
     for name in gone:
         (run.path / name).unlink()
-    monkeypatch.setattr(mps.backend, "init", lambda *_: None)
-    monkeypatch.setattr(mps.checkpoint.Checkpoint, "resume", lambda *_, **__: None)
-    monkeypatch.setattr("taichi_mps.cli.main.carry_out", lambda *_, **__: 0)
-    assert mps.main(["resume", str(run.path)]) == 0 and run.ours
-    assert capsys.readouterr().err == f"taichi-mps: run = {run.path}: {told}\n" * bool(told)
+    assert command("resume", run.path) == (0, "", f"taichi-mps: run = {run.path}: {told}\n" * bool(told)) and run.ours
 
 
-def test_a_file_in_the_place_of_the_pictures_is_named(run, capsys):
+def test_a_file_in_the_place_of_the_pictures_is_named(run, command):
     run.frames.rmdir()
     run.frames.write_text("mine")
-    for words in (["resume", str(run.path)], ["run", "slump", f"--out={run.path}", "--overwrite"]):
-        assert mps.main(words) == 2
-        told = f"out = {run.path}: {run.frames} is a file; must be a folder or absent"
-        assert capsys.readouterr().err == f"taichi-mps: {told}\n"
+    told = f"taichi-mps: out = {run.path}: {run.frames} is a file; must be a folder or absent\n"
+    for words in (["resume", run.path], ["run", "slump", f"--out={run.path}", "--overwrite"]):
+        assert command(*words) == (2, "", told)
 
 
 @pytest.mark.parametrize(
@@ -248,17 +239,16 @@ def test_a_file_in_the_place_of_the_pictures_is_named(run, capsys):
         (1, ["history.csv"], "its checkpoint.h5 is missing; what was computed is in run.h5"),
     ],
 )
-def test_both_commands_say_alike_what_a_run_without_checkpoint_holds(tmp_path, capsys, steps, gone, told):
+def test_both_commands_say_alike_what_a_run_without_checkpoint_holds(tmp_path, command, steps, gone, told):
     folder, *_ = recorded(tmp_path / "run", steps)
-    assert mps.main(["run", "slump", f"--out={folder.path}"]) == 2
-    assert "resume" in capsys.readouterr().err
+    code, _, err = command("run", "slump", f"--out={folder.path}")
+    assert code == 2 and "resume" in err
     for name in ("checkpoint.h5", *gone):
         (folder.path / name).rename(folder.path / f"my-{name}")
-    for words in (["resume", str(folder.path)], ["info", str(folder.path)]):
-        assert mps.main(words) == 2
-        assert capsys.readouterr().err == f"taichi-mps: run = {folder.path}: {told}\n"
-    assert mps.main(["run", "slump", f"--out={folder.path}"]) == 2
-    assert "resume" not in capsys.readouterr().err
+    for name in ("resume", "info"):
+        assert command(name, folder.path) == (2, "", f"taichi-mps: run = {folder.path}: {told}\n")
+    code, _, err = command("run", "slump", f"--out={folder.path}")
+    assert code == 2 and "resume" not in err
 
 
 def test_what_cannot_be_written_whole_leaves_what_was_there(tmp_path, monkeypatch):

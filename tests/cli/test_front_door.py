@@ -253,12 +253,8 @@ def test_a_resume_that_is_refused_or_not_yet_begun_leaves_a_damaged_checkpoint(r
 
 
 @pytest.mark.parametrize(("words", "every"), [([], 0.01), (["--every", "0.5"], 0.5)])
-def test_a_resumed_run_keeps_its_interval_unless_another_is_given(run, monkeypatch, words, every):
-    found = []
-    monkeypatch.setattr(mps.backend, "init", lambda *_: None)
-    monkeypatch.setattr(checkpoint.Checkpoint, "resume", lambda *_, **__: None)
-    monkeypatch.setattr(cli, "carry_out", lambda sim, folder, options, *_, **__: found.append(options.every) or 0)
-    assert mps.main(["resume", str(run.path), *words]) == 0 and found == [every]
+def test_a_resumed_run_keeps_its_interval_unless_another_is_given(run, resumed, words, every):
+    assert mps.main(["resume", str(run.path), *words]) == 0 and resumed[-1].every == every
 
 
 JSON = st.recursive(

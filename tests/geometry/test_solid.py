@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import taichi_mps as mps
 from taichi_mps.viz import render
 from tests.support.rigs import L0, RE, Probe, Rig, cloud
+from tests.support.scenes import ran
 
 PIPE = mps.Cylinder((0.05, 0.0, 0.02), 0.33, axis=(1.0, 2.0, -2.0))
 WATER = mps.Newtonian(density=1000.0, viscosity=1e-3)
@@ -20,16 +22,23 @@ def seen(wall, x, time=0.0):
     return probe.z.to_numpy(), probe.normal.to_numpy()
 
 
-def test_a_flat_solid_is_exact_wherever_it_has_travelled_to():
-    """A linear distance is interpolated to rounding by the kernels and by NumPy, also after the solid has moved."""
-    normal = np.array([1.0, 2.0, -2.0]) / 3.0
-    solid = mps.Solid.of(lambda x: x @ normal - 0.1, (-1.0,) * 3, (1.0,) * 3, 0.07, velocity=(0.3, 0.0, 0.0))
-    x = np.random.default_rng(1).uniform(-0.9, 0.9, (60, 3))
+@pytest.mark.parametrize("velocity, turn", [((0.3, 0.0, 0.0), 0.0), ((0.0,) * 3, 0.7)], ids=["travels", "turns"])
+def test_a_flat_solid_is_exact_wherever_it_has_moved_to(velocity, turn):
+    """A linear distance is interpolated to rounding by the kernels and by NumPy, also after the solid has travelled or
+    turned; its surface moves as the solid does."""
+    normal, pivot, axis = np.array([1.0, 2.0, -2.0]) / 3.0, (0.1, -0.2, 0.0), (0.0, 0.0, 1.0)
+    moves = {"velocity": velocity, "angular_velocity": turn, "pivot": pivot, "axis": axis}
+    solid = mps.Solid.of(lambda x: x @ normal - 0.1, (-1.0,) * 3, (1.0,) * 3, 0.07, **moves)
+    x = np.random.default_rng(1).uniform(-0.7, 0.7, (60, 3))
     for time in (0.0, 0.2):
-        z, n = seen(solid, x, time)
-        exact = (x - (0.3 * time, 0.0, 0.0)) @ normal - 0.1
-        assert np.allclose(z, exact, atol=1e-12) and np.allclose(n, normal, atol=1e-12)
-        assert np.allclose(solid.distance(x, time), exact, atol=1e-12)
+        probe = Probe((solid,), x, time=time)
+        turned = Rotation.from_rotvec(turn * time * np.array(axis)).apply(normal)
+        exact = (x - pivot - time * np.array(velocity)) @ turned + normal @ pivot - 0.1
+        foot = x - exact[:, None] * turned
+        known = {"z": exact, "normal": turned, "velocity": velocity + np.cross(turn * np.array(axis), foot - pivot)}
+        for name, values in known.items():
+            np.testing.assert_allclose(getattr(probe, name).to_numpy() - values, 0.0, atol=1e-12)
+        np.testing.assert_allclose(solid.distance(x, time), exact, atol=1e-12)
     beyond = np.array([[1.5, 0.0, 0.0]])
     assert np.isinf(solid.distance(beyond)[0]) and seen(solid, beyond)[0][0] > 1e8
 
@@ -94,9 +103,7 @@ def test_a_thin_plate_holds_a_column():
 
     gate = mps.Solid.of(distance, (0.7, -0.4), (1.4, 1.9), 0.25 * l0, slip=True)
     scene = tank(CONCRETE, (*mps.box_planes((0.0, 0.0), (2.5, 1.0), slip=True), gate))
-    sim = mps.Simulation(scene)
-    sim.run(until=0.5)
-    s = sim.snapshot()
+    s = ran(scene, until=0.5).snapshot()
     assert s.x[:, 0].max() < 1.0
     assert abs(s.x[:, 1].max() + 0.5 * l0 - 0.6) < 1.5 * l0
 
@@ -116,8 +123,7 @@ def test_nothing_leaks_where_walls_meet():
     solid = mps.Solid.of(distance, (-0.3, -1.0), (2.6, 1.5), 0.025)
     scene = tank(WATER, (solid,))
     scene = replace(scene, fluid=scene.fluid @ Q.T, domain=((-0.5, -1.2), (3.0, 2.0)))
-    sim = mps.Simulation(scene)
-    sim.run(until=0.6)
+    sim = ran(scene, until=0.6)
     s = sim.snapshot()
     assert sim.walls.surfaces[0].faces == 2
     assert solid.distance(s.x).min() > 0.0 and distance(s.x).min() > 0.0

@@ -56,23 +56,16 @@ def plane():
     )
 
 
-def test_history_has_the_documented_columns_and_one_row_a_step(run):
-    assert len(run.folder.history.read_text().splitlines()) >= 4, "rows must be on disk while the run goes on"
-    run.recorder.finish("time")
-    rows = read_history(run.folder.history)
-    assert tuple(rows) == COLUMNS
-    np.testing.assert_allclose(rows["time_s"], np.arange(4) * 0.01)
-    assert rows["slump_m"][-1] == pytest.approx(run.sim.measures()["slump_m"], rel=1e-6)
-
-
 @pytest.mark.parametrize(("stopped_by", "error"), [("interrupted", None), ("diverged", "too fast")])
 def test_summary_is_strict_json_and_names_the_checkpoint(run, stopped_by, error):
-    """After a divergence the summary names the checkpoint of the last good output."""
+    """After a divergence the summary names the checkpoint of the last good output; results over time are those of
+    history.csv."""
     run.sim.time = 99.0 if error else run.sim.time
+    run.sim.scene = replace(run.sim.scene, over_time=lambda history: {"rows_number": float(len(history["time_s"]))})
     run.recorder.finish(stopped_by, error)
     summary = json.loads(run.folder.summary.read_text(), parse_constant=pytest.fail)
     assert (summary["volume_error"], summary["stopped_by"], summary.get("error")) == (None, stopped_by, error)
-    assert summary["resume_from"] == str(run.folder.checkpoint)
+    assert (summary["resume_from"], summary["rows_number"]) == (str(run.folder.checkpoint), 4.0)
     assert checkpoint.read(run.folder.checkpoint).header["time"] == pytest.approx(0.03)
 
 
@@ -162,6 +155,7 @@ def test_a_run_resumed_at_its_end_keeps_its_last_output_and_the_measures_of_its_
     """A run resumed at its end keeps the measures of its last step, such as loads on walls, which are known after a
     step only."""
     folder, sim, recorder = recorded(tmp_path / "run", 3, scene=replace(slump, until=0.034))
+    assert len(folder.history.read_text().splitlines()) >= 4, "rows must be on disk while the run goes on"
     sim.time = 0.034
     recorder.trajectory.append(sim.snapshot())
     (folder.frames / "frame_00004.png").write_text("the last")
@@ -353,30 +347,6 @@ def test_a_film_has_every_picture(tmp_path):
     shown = iio.imread(made, plugin="FFMPEG")
     assert shown.shape == (5, 64, 96, 3)
     assert np.abs(shown.mean((1, 2, 3)) - 40 * np.arange(5)).max() < 4
-
-
-def contents(path):
-    """Attributes and arrays of a file; its bytes hold the second in which a group was changed, too."""
-    found = {}
-    with h5py.File(path) as file:
-
-        def keep(name, item):
-            found[name] = dict(item.attrs) | ({"": item[()]} if isinstance(item, h5py.Dataset) else {})
-
-        file.visititems(keep)
-    return found
-
-
-def test_a_run_that_goes_on_between_two_outputs_has_none_of_it(run):
-    """A run resumed between two outputs writes the files of a run that was never stopped."""
-    whole = contents(run.folder.trajectory)
-    run.sim.time, run.sim.steps = 0.034, 4
-    again = Recorder(run.folder, run.sim, 0.01, "slump", {"every": 0.01})
-    again.record_output(run.sim)  # as run() does first
-    np.testing.assert_equal(contents(run.folder.trajectory), whole)
-    run.sim.time, run.sim.steps = 0.04, 5
-    again.record_output(run.sim)
-    assert times(again.trajectory) == [0.0, 0.01, 0.02, 0.03, 0.04]
 
 
 def row(time, **measures):

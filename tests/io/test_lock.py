@@ -37,24 +37,19 @@ def holder(run):
     process.communicate()
 
 
-def test_a_second_writer_is_refused_until_the_first_is_killed_and_readers_never(run, holder, capsys, monkeypatch):
-    started = []
-    monkeypatch.setattr(mps.backend, "init", lambda *settings: started.append(settings))
-    monkeypatch.setattr("taichi_mps.cli.main.carry_out", lambda *_, **__: 0)
-    monkeypatch.setattr("taichi_mps.io.checkpoint.Checkpoint.resume", lambda *_, **__: None)
+def test_a_second_writer_is_refused_until_the_first_is_killed_and_readers_never(run, holder, command, resumed):
     before = contents(run)
     for words in (["run", "slump", "--spacing", "0.05", "--out", str(run), "--overwrite"], ["resume", str(run)]):
-        assert mps.main(words) == 2
-        out, err = capsys.readouterr()
-        assert out == "" and err.count("\n") == 1
+        code, out, err = command(*words)
+        assert (code, out, err.count("\n")) == (2, "", 1)
         assert f"out = {run}: process {holder.pid} of " in err and err.endswith("must be one at a time\n")
-    assert contents(run) == before and not started
+    assert contents(run) == before and not resumed
     for words in (["info", str(run)], ["export", str(run), "--out", str(run.parent / "vtu")]):
         assert mps.main(words) == 0
     holder.kill()
     assert holder.wait() == -signal.SIGKILL
     assert (run / lock.NAME).is_file(), "what is left of a killed process is no lock"
-    assert mps.main(["resume", str(run)]) == 0 and len(started) == 1
+    assert mps.main(["resume", str(run)]) == 0 and resumed[0] == "started"
     assert contents(run) == {name: content for name, content in before.items() if name != lock.NAME}
 
 

@@ -138,11 +138,10 @@ BINGHAM = "the mixes that are looked for, and their slumps, are of Bingham's law
         ),
     ],
 )
-def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, tmp_path, monkeypatch, capsys):
+def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
-    assert mps.main(words.split()) == 2
-    told = capsys.readouterr().err
-    assert message in told.splitlines()[-1] and not list(tmp_path.iterdir())
+    code, _, told = command(*words.split())
+    assert code == 2 and message in told.splitlines()[-1] and not list(tmp_path.iterdir())
     if words.startswith("run"):
         assert message in "; ".join(forecast(words.split()[1:])["wrong"].values()), "the page"
 
@@ -168,6 +167,11 @@ def test_the_command_line_refuses_a_number_that_the_law_has_not(words, message, 
             "structuration = -1.0 Pa/s: must be greater than or equal to 0 Pa/s",
         ),
         (lambda: mps.Concrete(flow_index=9.0), "flow_index = 9.0: must be less than or equal to 4"),
+        (lambda: mps.slump_cone(friction_angle=90.0), "friction_angle = 90"),
+        (
+            lambda: mps.slump_cone(friction_angle=20.0, critical_strain_rate=0.1),
+            "friction_angle = 20 deg: needs a true yield stress",
+        ),
         (
             lambda: mps.HerschelBulkley(plastic_viscosity=20.0),
             "unknown key 'plastic_viscosity': the law Bingham has it",
@@ -179,20 +183,19 @@ def test_python_refuses_a_number_that_the_law_has_not_or_cannot_have(call, messa
         call()
 
 
-def test_a_case_file_has_the_numbers_of_its_law_and_takes_those_of_one_written_before(tmp_path, capsys):
+def test_a_case_file_has_the_numbers_of_its_law_and_takes_those_of_one_written_before(tmp_path, command):
     """A case file written before 0.3 has the numbers of all laws, those without effect at their defaults, and is
     read."""
     case = tmp_path / "case.toml"
-    assert mps.main(["new", "slump", "--consistency", "20", "--flow-index", "0.5"]) == 0
-    text = capsys.readouterr().out
+    text = command("new", "slump", "--consistency", "20", "--flow-index", "0.5")[1]
     assert "\nconsistency = 20.0" in text and "# plastic_viscosity = " in text and "# friction_angle = " in text
     for mix, wrong in (("plastic_viscosity = 50.0\nconsistency = 20.0\nfriction_angle = 0.0\n", False),
                        ("plastic_viscosity = 77.0\nconsistency = 20.0\n", True)):  # fmt: skip
         case.write_text(
             f"scene = 'slump'\n[mix]\n{mix}flow_index = 0.5\nstructuration = 0.0\ndestructuration = 0.005\n"
         )
-        assert mps.main(["run", str(case), "--forecast"]) == 2 * wrong
-        assert (TWICE.format(77) in capsys.readouterr().err) is wrong
+        code, _, told = command("run", case, "--forecast")
+        assert (code, TWICE.format(77) in told) == (2 * wrong, wrong)
 
 
 @pytest.mark.parametrize("numbers", [{}, {"consistency": 9.0}, {"structuration": 0.5}, {"flow_index": 1.0}])

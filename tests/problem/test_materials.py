@@ -21,6 +21,7 @@ CURVE = mps.FlowCurve(shear_stress=curve)
     [
         (mps.Bingham(), True, False, True),
         (mps.Bingham(critical_strain_rate=0.01), True, False, False),
+        (mps.Bingham(critical_strain_rate="rational"), True, False, False),
         (mps.Bingham(yield_value=0.0, friction_angle=30.0), True, False, True),
         (mps.Newtonian(), False, True, False),
         (mps.HerschelBulkley(), True, False, True),
@@ -37,14 +38,6 @@ def test_the_facts_of_a_material_are_json_with_its_law_its_numbers_and_the_names
     facts = [json.loads(json.dumps(material.facts())) for material in (mps.Bingham(yield_value=40.0), CURVE)]
     assert facts[0] == {"law": "Bingham", **mps.Bingham(yield_value=40.0).model_dump()}
     assert facts[1]["law"] == "FlowCurve" and facts[1]["shear_stress"] == "curve" and facts[1]["growth"] is None
-
-
-def test_a_rational_rate_is_a_number_once_the_time_is_known():
-    """The rational critical strain rate is min(0.01 tau_y/(2 eta), 0.01/T) = 0.01 min(3, 1/5)."""
-    mix = mps.Bingham(critical_strain_rate="rational")
-    assert mix.knee_stress == mix.yield_value and not mix.rests
-    assert mix.within(5.0).critical_strain_rate == pytest.approx(0.002, rel=1e-12)
-    assert mps.Bingham().within(5.0) == mps.Bingham()
 
 
 @pytest.mark.parametrize(

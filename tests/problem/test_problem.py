@@ -67,26 +67,21 @@ def test_what_cannot_be_computed_is_refused(changes, numerics, message):
 
 # ---- what follows from a problem -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
-    ("material", "law", "rests"),
+    ("materials", "law", "rests"),
     [
-        (mps.Newtonian(), "newtonian", False),
-        (mps.Bingham(yield_value=10.0, plastic_viscosity=50.0), "yield-stress", True),
-        (mps.Bingham(yield_value=1000.0, plastic_viscosity=1.0), "yield-stress", True),
-        (mps.Bingham(critical_strain_rate=0.1), "bi-viscosity", False),
-        (mps.HerschelBulkley(yield_value=100.0, consistency=100.0), "yield-stress", True),
-        (mps.HerschelBulkley(yield_value=0.0), "yield-stress", False),
+        ((mps.Newtonian(),), "newtonian", False),
+        ((mps.Bingham(yield_value=10.0, plastic_viscosity=50.0),), "yield-stress", True),
+        ((mps.Bingham(yield_value=1000.0, plastic_viscosity=1.0),), "yield-stress", True),
+        ((mps.Bingham(critical_strain_rate=0.1),), "bi-viscosity", False),
+        ((mps.HerschelBulkley(yield_value=100.0, consistency=100.0),), "yield-stress", True),
+        ((mps.HerschelBulkley(yield_value=0.0),), "yield-stress", False),
+        ((mps.Newtonian(density=2000.0), mps.Bingham()), "yield-stress", False),  # that of those that yield
     ],
 )
-def test_the_law_and_whether_it_rests_follow_from_the_material(material, law, rests):
-    problem = Problem(mps.Scene(**parts(material=material)))
-    assert (problem.law, problem.rests) == (law, rests)
-    assert problem.scene.materials == (material,)
-
-
-def test_the_law_of_mixes_is_that_of_those_that_yield():
-    soft, stiff = mps.Newtonian(density=2000.0), mps.Bingham(yield_value=50.0, plastic_viscosity=50.0)
-    problem = Problem(mps.Scene(**parts(material=soft, inlets=(hose(material=stiff),))))
-    assert problem.scene.materials == (soft, stiff) and problem.law == "yield-stress" and not problem.rests
+def test_the_law_and_whether_it_rests_follow_from_the_materials(materials, law, rests):
+    first, *others = materials
+    problem = Problem(mps.Scene(**parts(material=first, inlets=tuple(hose(material=mix) for mix in others))))
+    assert (problem.law, problem.rests, problem.scene.materials) == (law, rests, materials)
 
 
 def test_walls_are_particles_where_the_scheme_or_the_user_wants_them_so_and_the_scene_has_them():

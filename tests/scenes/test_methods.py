@@ -9,8 +9,6 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.problem import measures as measure
-from taichi_mps.io.recorder import Recorder
-from taichi_mps.io.run_folder import RunFolder
 
 # volume [m3] of what the vessel holds; share by which the lattice may miss it: half a layer at each wall that cuts it
 VESSELS = {
@@ -279,27 +277,6 @@ def test_distance_from_a_polygon():
 def test_refusals(name, keywords, message):
     with pytest.raises(mps.SceneError, match=message):
         mps.catalogue.build(name, **keywords)
-
-
-@pytest.mark.long
-def test_a_gate_is_lifted_and_times_are_in_the_summary(tmp_path):
-    """In the L-flow in the plane the gate holds the column above its lower edge without a leak, and the times of
-    summary.json are those of history.csv, also after a resume."""
-    scene = mps.catalogue.build("l_flow", model="plane", spacing=0.025, lift_speed=0.3, until=0.8)
-    gate = scene.walls[-1]
-    assert gate.distance(scene.fluid).min() == pytest.approx(0.5 * scene.spacing, rel=1e-6)
-    sim = mps.Simulation(scene)
-    folder = RunFolder(tmp_path / "run")
-    folder.create()
-    recorder = Recorder(folder, sim, 0.1, "l_flow", {})
-    clear = []
-    sim.each_step(lambda sim: clear.append(measure.clearance(sim.snapshot(), scene.walls)))
-    stopped_by = sim.run()
-    assert min(clear) > 0.0
-    summary = recorder.finish(stopped_by)
-    assert 0.05 / 0.5 < summary["t100_s"] < 0.8 and summary["flow_m"] > 0.1
-    assert summary["flow_m"] < 0.5 * 9.81 * 0.8**2
-    scene.check(sim.snapshot(), summary)
 
 
 def viscous(time):

@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 
 import taichi_mps as mps
-from taichi_mps.cli import main as cli
-from taichi_mps.engine.problem.measures import still
-from taichi_mps.input import catalogue
 from taichi_mps.report.sentences import passing
 
 CUBE = 0.01 * (np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3))  # a grain of eight particles [m]
@@ -18,11 +15,7 @@ def body(centres, mortar, spacing=0.01):
     """Snapshot of grains of eight particles at these centres [m], and of particles of mortar [m]."""
     x = np.vstack([*(np.array(centre) + CUBE for centre in centres), mortar])
     grain = np.r_[np.repeat(np.arange(len(centres)) + 1, 8), np.zeros(len(mortar), int)]
-    return replace(still(x, spacing), grain=grain)
-
-
-def layer(low, high):
-    return mps.lattice(low, high, 0.01)
+    return replace(mps.measure.still(x, spacing), grain=grain)
 
 
 @pytest.mark.parametrize(
@@ -36,30 +29,39 @@ def layer(low, high):
     ],
 )
 def test_grains_and_mortar_beyond_are_those_that_were_put_there(name, beyond):
-    scene = catalogue.build(name, model="full")
+    scene = mps.catalogue.build(name, model="full")
     at = [beyond(d) for d in (-0.03, -0.002, 0.002, 0.04, 0.06)]  # two of them have particles on either side
     mortar = np.array([beyond(d) for d in (-0.05, -0.04, -0.001, 0.001)])
     measures = scene.measure(body(at, mortar))
     assert measures["grains_number"] == 5.0 and measures["grains_passed_number"] == 3.0
     assert measures["mortar_passed_ratio"] == 0.25
-    assert "grains_number" not in scene.measure(still(scene.fluid, scene.spacing))  # columns of a run without grains
+    assert "grains_number" not in scene.measure(mps.measure.still(scene.fluid, scene.spacing))  # without grains
 
 
 def test_thirds_are_those_of_the_depth_at_the_place_of_a_grain():
-    deep, shallow = layer((0.0, 0.0, 0.0), (0.1, 0.1, 0.12)), layer((0.1, 0.0, 0.0), (0.3, 0.1, 0.06))
+    deep = mps.lattice((0.0, 0.0, 0.0), (0.1, 0.1, 0.12), 0.01)
+    shallow = mps.lattice((0.1, 0.0, 0.0), (0.3, 0.1, 0.06), 0.01)
     places = [(0.05, 0.05, z) for z in (0.02, 0.06, 0.1)] + [(0.25, 0.05, z) for z in (0.01, 0.03, 0.05, 0.048)]
     found = mps.measure.grains(body(places, np.vstack([deep, shallow])))
     thirds = [found[f"grains_{third}_ratio"] for third in ("bottom", "middle", "top")]
     assert thirds == pytest.approx([2 / 7, 2 / 7, 3 / 7], abs=1e-12)
-    assert mps.measure.grains(still(deep, 0.01)) == {}
+    assert mps.measure.grains(mps.measure.still(deep, 0.01)) == {}
 
 
-@pytest.mark.parametrize("name", ["j_ring", "v_funnel", "u_box"])
-def test_the_full_model_is_the_part_and_its_images(name):
-    even = {"top": 0.525} if name == "v_funnel" else {}  # columns of particles that the middle plane leaves whole
-    part, full = (catalogue.build(name, **even, **model) for model in ({}, {"model": "full"}))
-    whole = part.unfold(still(part.fluid, part.spacing)).x
-    assert not full.mirrors and len(part.mirrors) == (1 if name == "u_box" else 2)
+@pytest.mark.parametrize(
+    ("name", "mirrors", "model"),
+    [
+        ("j_ring", 2, {}),
+        ("v_funnel", 2, {"top": 0.525}),  # columns of particles that the middle plane leaves whole
+        ("u_box", 1, {}),
+        ("slump", 2, {"model": "quarter"}),
+        ("slump", 1, {"model": "half"}),
+    ],
+)
+def test_the_full_model_is_the_part_and_its_images(name, mirrors, model):
+    part, full = mps.catalogue.build(name, **model), mps.catalogue.build(name, **model | {"model": "full"})
+    whole = part.unfold(mps.measure.still(part.fluid, part.spacing)).x
+    assert not full.mirrors and len(part.mirrors) == mirrors
     order = [np.lexsort(np.round(x / full.spacing, 3).T) for x in (whole, full.fluid)]
     assert np.abs(whole[order[0]] - full.fluid[order[1]]).max() < 1e-12
     low, high = np.array(full.domain)
@@ -75,7 +77,7 @@ def test_the_full_model_is_the_part_and_its_images(name):
 
 @pytest.mark.parametrize(("bars", "gap"), [("3", 0.041), ("2", 0.176 / 3.0)])
 def test_the_slice_of_the_box_is_a_bar_and_the_gap_of_the_standard(bars, gap):
-    slice_of, box = (catalogue.build("l_box", spacing=0.008, bars=bars, model=model) for model in ("slice", "full"))
+    slice_of, box = (mps.catalogue.build("l_box", spacing=0.008, bars=bars, model=model) for model in ("slice", "full"))
     width = slice_of.domain[1][1] - slice_of.domain[0][1]
     assert slice_of.periodic == (False, True, False) and width / 0.008 == pytest.approx(round(width / 0.008))
     assert abs(width - gap - 0.012) < 0.004 + 1e-12  # half a particle
@@ -119,6 +121,6 @@ def test_the_verdict_on_what_passes(grains, passed, mortar, verdict):
 )
 def test_what_cannot_be_with_grains_is_refused_in_a_line_that_says_what_to_do(words, told, capsys):
     given = ["--grains", "16mm", "--grains-volume", "0.1", "--forecast"]
-    assert cli.main(["run", *words.split(), *given]) == 2
+    assert mps.main(["run", *words.split(), *given]) == 2
     *_, line = capsys.readouterr().err.strip().splitlines()
     assert told in line and line.startswith("taichi-mps: ")

@@ -97,22 +97,6 @@ def test_a_rectangular_mouth_is_as_wide_and_high_as_it_is_said():
         assert np.ptp(x @ level) == pytest.approx(0.07) and np.ptp(x @ np.cross(level, along)) == pytest.approx(0.02)
 
 
-@pytest.mark.long
-def test_a_nozzle_that_goes_to_and_fro_lays_even_layers():
-    """The body on each part of the path has the section of the nozzle times the number of layers, and the same height
-    everywhere."""
-    scene = mps.catalogue.build("printing", model="path", layers=2, layer_time=0.5, length=0.1)
-    sim = mps.Simulation(scene)
-    sim.run()
-    s, l0 = sim.snapshot(), scene.spacing
-    parts = np.arange(0.0, 0.1 + l0, 4.0 * l0)
-    counts, _ = np.histogram(s.x[:, 0], parts)
-    assert 2.0 * counts * l0**3 / np.diff(parts) == pytest.approx(0.04 * 0.02, rel=0.03)
-    tops = [s.x[(s.x[:, 0] > a) & (s.x[:, 0] < a + 4.0 * l0), 2].max() + 0.5 * l0 for a in parts[:-1]]
-    assert np.mean(tops) == pytest.approx(0.02, rel=0.03) and np.std(tops) < 0.03 * 0.01
-    scene.check(s, sim.measures())
-
-
 def test_a_measured_mortar_has_its_own_numbers():
     scene = mps.catalogue.build("printing", mortar="uf-9", density=2100.0)
     assert scene.material == mps.Bingham(yield_value=786.0, plastic_viscosity=36.9, density=2100.0)

@@ -1,9 +1,15 @@
-"""Invariance of results: under rotation of the body, and in a moving frame."""
+"""Invariance of results: under rotation of the body, in a moving frame, and of a body of another size.
+
+Results depend only on the Bingham number, rho^2 g H^3/eta^2 and spacing/H. With lengths times 1/4 and 4 all scales are
+powers of two, exact in binary, so a difference shows a constant with a unit.
+"""
 
 import numpy as np
 import pytest
 
 import taichi_mps as mps
+from tests.support.inside import in_order
+from tests.support.scenes import ran
 
 STIFF = {"density": 2300.0, "yield_value": 1000.0}
 MIX = mps.Bingham(plastic_viscosity=50.0, **STIFF)
@@ -73,8 +79,7 @@ def heap(speed, spacing=0.005, until=0.6):
         domain=((-0.4, -0.02), (0.4 + until * speed, 0.15)),
         until=until,
     )
-    sim = mps.Simulation(scene)
-    sim.run()
+    sim = ran(scene)
     return sim.snapshot().x[:, 1].mean(), sim.steps
 
 
@@ -102,9 +107,7 @@ def test_blocks_that_collide_off_centre_keep_their_angular_momentum(aside, mater
     scene = mps.Scene(
         "hit", material, spacing, x, ((-1.0, -1.0), (1.0, 1.0)), velocity=u, gravity=(0.0, 0.0), until=0.1
     )
-    sim = mps.Simulation(scene)
-    sim.run()
-    s = sim.snapshot()
+    s = ran(scene).snapshot()
     spun = [(y[:, 0] * v[:, 1] - y[:, 1] * v[:, 0]).sum() for y, v in ((x, u), (s.x, s.u))]
     assert spun[1] == pytest.approx(spun[0], rel=1e-3)
     assert np.abs(s.u.mean(axis=0)).max() < 1e-5
@@ -128,9 +131,7 @@ def pool(turned, l0=0.01, width=0.06, depth=0.3):
         gravity=swapped(0.0, -9.81),
         until=0.1,
     )
-    sim = mps.Simulation(scene)
-    sim.run()
-    s, along = sim.snapshot(), 0 if turned else 1
+    s, along = ran(scene).snapshot(), 0 if turned else 1
     return s.speed.max(), np.polyval(np.polyfit(s.x[:, along], s.p, 1), 0.0), s.x[:, along].max() + 0.5 * l0
 
 
@@ -140,3 +141,40 @@ def test_a_deep_pool_stands_whichever_axis_its_weight_acts_along():
     (speed, bottom, depth), turned = pool(False), pool(True)
     assert bottom == pytest.approx(2300.0 * 9.81 * 0.3, rel=0.02) and depth == pytest.approx(0.3, abs=0.005 * 0.3)
     assert turned == pytest.approx((speed, bottom, depth), rel=1e-3, abs=1e-5)
+
+
+POWERS = {"x": 1.0, "u": 0.5, "p": 1.0, "stress": 1.0, "shear_rate": -0.5}  # of the length, in each field's scale
+
+
+def cone(length, yield_value, plastic_viscosity, spacing=0.025, **settings):
+    """A slump cone with all lengths times ``length``: times go as its root, stresses as it, viscosities as its power
+    3/2. Parameters are those of the cone of 0.3 m."""
+    return mps.catalogue.build(
+        "slump",
+        yield_value=length * yield_value,
+        plastic_viscosity=length**1.5 * plastic_viscosity,
+        base_diameter=0.2 * length,
+        top_diameter=0.1 * length,
+        height=0.3 * length,
+        spacing=spacing * length,
+        until=20.0 * length**0.5,
+        **settings,
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "yield_value", "plastic_viscosity", "length"),
+    [
+        pytest.param("axisymmetric", 300.0, 50.0, 0.25, marks=pytest.mark.long),
+        pytest.param("axisymmetric", 120.0, 100.0, 4.0, marks=pytest.mark.long),
+        pytest.param("quarter", 300.0, 50.0, 4.0, marks=pytest.mark.long),
+    ],
+)
+def test_a_cone_times_a_power_of_two_is_the_same_bit_by_bit_to_its_end(model, yield_value, plastic_viscosity, length):
+    mps.init(precision="f32", threads=1)
+    one, other = (mps.Simulation(cone(scale, yield_value, plastic_viscosity, model=model)) for scale in (1.0, length))
+    assert one.run() == other.run()
+    assert one.steps == other.steps and other.time == length**0.5 * one.time
+    for name, power in POWERS.items():
+        here, there = (in_order(sim, sim.particles.read()[name]) for sim in (one, other))
+        np.testing.assert_array_equal(there, length**power * here, err_msg=name)

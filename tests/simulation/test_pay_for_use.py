@@ -7,6 +7,7 @@ import taichi_mps as mps
 from taichi_mps.engine.boundaries import friction, ghosts, surfaces, walls
 from taichi_mps.engine.simulation import simulation
 from taichi_mps.engine.terms import momentum, stress
+from tests.support.scenes import ran
 
 FLOOR = mps.Plane((0.0, 0.0), (0.0, 1.0))
 WEST = mps.Plane((0.0, 0.0), (1.0, 0.0))
@@ -15,9 +16,7 @@ WEST = mps.Plane((0.0, 0.0), (1.0, 0.0))
 def simulate(material, walls=(FLOOR,), **keywords):
     x = mps.fill(mps.Box((0.0, 0.0), (0.1, 0.1)), 0.02)
     scene = mps.Scene("block", material, 0.02, x, ((-0.5, -0.5), (0.5, 0.5)), walls=walls, **keywords)
-    sim = mps.Simulation(scene)
-    sim.run(until=0.05)
-    return sim
+    return ran(scene, until=0.05)
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from taichi_mps.engine.terms.pressure import LOOSE
 from taichi_mps.io.vtkhdf import Trajectory
 from taichi_mps.report import drawings
 from tests.support.cube import box
+from tests.support.scenes import ran
 
 NEEDS_IGL = pytest.mark.skipif(find_spec("igl") is None, reason="the distance of a mesh is libigl's")
 L0, RATE, LAYERS = 0.02, 0.04, 9
@@ -75,9 +76,7 @@ def test_what_a_slow_jet_pours_stands_as_high_as_its_volume(yield_value, plastic
         inlets=(mps.Inlet((0.5 * width, 0.25), (0.0, -1.0), radius=0.06, rate=rate, volume=0.0204),),
         until=0.0204 / rate + 1.5,
     )
-    sim = mps.Simulation(scene)
-    sim.run()
-    s = sim.snapshot()
+    s = ran(scene).snapshot()
     assert s.x[:, 1].mean() == pytest.approx(0.5 * len(s.x) * l0**2 / width, rel=LOOSE)
 
 
@@ -334,23 +333,6 @@ def test_bars_are_written_closed_and_read_back_with_their_volume(tmp_path):
     bars = mps.Solid.from_mesh(path, 0.003, 0.05)
     at = np.array([[0.1, -0.03, 0.25], [0.105, 0.0, 0.25], [0.2, 0.06, 0.2 + 0.2 / 3]])
     assert bars.distance(at) == pytest.approx([0.022, -0.003, 0.032], abs=1e-3)
-
-
-@NEEDS_IGL
-def test_a_form_from_a_mesh_holds_a_cavity_and_the_mouth(tmp_path):
-    """The room of a horizontal bar of square section drawn as a mesh is a form of 0.2 x 0.2 x 0.6 m."""
-    side = 0.1 / np.sqrt(np.pi / 4.0)  # radius of the round bar with the area of a square of 0.2 m
-    path = mps.write_bars(tmp_path / "form.stl", [[(0.0, 0.0, 0.0), (0.6, 0.0, 0.0)]], side, sides=4)
-    form = mps.Solid.from_mesh(path, 0.01, 0.05, inside=True)
-    low, high = np.array(form.low) + 0.05, np.array(form.low) + 0.01 * (np.array(form.values.shape) - 1) - 0.05
-    cavity = mps.Cavity(tuple(low), tuple(high), (form,), 0.02)
-    assert cavity.cells.sum() * np.prod(cavity.cell) == pytest.approx(0.2 * 0.2 * 0.6, rel=0.03)
-    inlet = mps.Inlet((0.3, 0.0, 0.1), (0.0, 0.0, -1.0), 0.03, 0.001, 0.01)
-    shared = dict(name="form", material=mps.Bingham(), spacing=0.02, fluid=None, walls=(form,), cavity=cavity)
-    shared |= dict(domain=((-0.1, -0.3, -0.3), (0.7, 0.3, 0.3)))
-    assert len(mps.Scene(inlets=(inlet,), **shared).initial) == 4
-    with pytest.raises(mps.SceneError, match="reaches into a wall"):
-        mps.Scene(inlets=(replace(inlet, centre=(-0.02, 0.0, 0.0)),), **shared)
 
 
 @NEEDS_IGL

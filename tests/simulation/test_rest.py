@@ -10,7 +10,7 @@ import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
 from taichi_mps.engine.problem.time_step import Speeds
 from taichi_mps.engine.simulation.rest import NEGLIGIBLE_PATH, PAUSE, Rest
-from tests.support.scenes import parts
+from tests.support.scenes import parts, ran
 
 SPACING = 0.01
 
@@ -162,8 +162,7 @@ def test_repacking_takes_no_more_power_than_viscosity_dissipates(exponent):
     """After 0.4 s at 300 Pa and 50 Pa s^n the wanted divergence s meets its bound, tau_y |s| = (tau - tau_y) rate,
     where the packing asks for more."""
     law = {"yield_value": 300.0} | ({} if exponent == 1.0 else {"consistency": 50.0, "flow_index": exponent})
-    sim = mps.Simulation(mps.slump_cone(model="axisymmetric", spacing=0.02, **law))
-    sim.run(until=0.4)
+    sim = ran(mps.slump_cone(model="axisymmetric", spacing=0.02, **law), until=0.4)
     sim.scheme.strain_rate.half_step.fill(0.0)  # without what a step turns (I32)
     sim.scheme.constraint.set(sim.report.dt)
     count = len(sim.snapshot().x)

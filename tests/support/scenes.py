@@ -1,10 +1,17 @@
-"""Small scene for tests that obeys every rule."""
+"""Small scene for tests that obeys every rule, and runs of scenes."""
 
 from dataclasses import replace
 
 import numpy as np
 
 import taichi_mps as mps
+
+
+def ran(scene, numerics=None, until=None) -> mps.Simulation:
+    """A simulation of the scene after a time [s], or at its end."""
+    sim = mps.Simulation(scene, numerics)
+    sim.run(until)
+    return sim
 
 
 def parts(d=2, **changes) -> dict:

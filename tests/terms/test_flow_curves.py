@@ -8,6 +8,7 @@ import pytest
 
 import taichi_mps as mps
 from taichi_mps.engine.problem.problem import Problem
+from tests.support.scenes import ran
 
 DEPTH, DENSITY = 0.1, 2300.0
 
@@ -37,8 +38,8 @@ def growth_of(rate, structure):
 def test_film_of_a_law(numbers, within):
     """The film of a law has the exact profile of the scene within its bound, and clearly not that of Bingham's law."""
     mix = {"density": DENSITY, "yield_value": 100.0, "spacing": DEPTH / 20}
-    sim = mps.Simulation(mps.catalogue.build("film", **mix, **numbers))
-    sim.run(until=8.0)  # four times rho H^2 over the apparent viscosity on the floor, at n = 0.5
+    # four times rho H^2 over the apparent viscosity on the floor, at n = 0.5
+    sim = ran(mps.catalogue.build("film", **mix, **numbers), until=8.0)
     error = sim.measures()["velocity_error"]
     bingham = mps.catalogue.build("film", **mix, plastic_viscosity=60.0).measure(sim.snapshot())["velocity_error"]
     assert error < within and bingham > 3.0 * error, (error, bingham)
@@ -77,8 +78,7 @@ def test_a_thixotropic_law_of_ones_own_comes_to_rest():
     weight = DENSITY * scene.gravity_vector[0]  # along the slope [N/m3]
     stands = 0.5 * (weight * DEPTH / 200.0 - 1.0)  # [s]
     assert 0.3 < stands < 1.5
-    sim = mps.Simulation(scene)
-    sim.run(until=0.5 * stands)
+    sim = ran(scene, until=0.5 * stands)
     assert sim.snapshot().u[:, 0].max() > 0.01
     sim.run(until=stands + 0.5)
     assert np.abs(sim.snapshot().u).max() < 1e-4
@@ -115,9 +115,7 @@ def test_a_thixotropic_film_follows_its_closed_form():
     scene = mps.catalogue.build(
         "film", **mix, structuration=growing, destructuration=undone, spacing=DEPTH / 20, until=until
     )
-    sim = mps.Simulation(scene)
-    sim.run()
-    s = sim.snapshot()
+    s = ran(scene).snapshot()
     edges = np.linspace(0.0, DEPTH, 2001)
     tau = DENSITY * scene.gravity_vector[0] * (DEPTH - 0.5 * (edges[1:] + edges[:-1]))
     structure, steps = np.zeros(2000), 4000

@@ -43,19 +43,3 @@ def test_slope_stands_below_the_angle_of_friction(film):
 
 def test_the_coefficient_is_the_tangent_of_the_angle():
     assert mps.Bingham(yield_value=0.0, friction_angle=30.0).friction_coefficient == pytest.approx(3.0**-0.5)
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ({"critical_strain_rate": 0.1}, "friction_angle = 20 deg: needs a true yield stress"),
-        (
-            {"flow_index": 0.5},
-            "flow_index = 0.5: the law Bingham, by friction_angle, has no such number; must be left out",
-        ),
-        ({"friction_angle": 90.0}, "friction_angle = 90"),
-    ],
-)
-def test_what_does_not_go_with_it_is_refused(words, said):
-    with pytest.raises(mps.SceneError, match=said):
-        mps.slump_cone(**{"friction_angle": 20.0, **words})

@@ -56,7 +56,8 @@ def test_the_first_slump_is_that_of_the_finite_elements_in_five_cells():
 
 
 @pytest.mark.slow
-def test_kernels_by_hand_leave_the_simulation_as_it_was():
+def test_kernels_by_hand_leave_the_simulation_as_it_was_and_are_what_numpy_gives():
+    """Also that of a cell which is run again with another level, beside NumPy's sum over the whole."""
     space, shown = run(BOOKS[1])
     assert shown[0].shape == (540, 960, 3)
     assert abs(np.median(space["density"]) - 1.0) < 0.1
@@ -67,13 +68,7 @@ def test_kernels_by_hand_leave_the_simulation_as_it_was():
     sim.load(space["saved"])
     sim.step()
     assert np.array_equal(sim.snapshot().x, after)
-
-
-@pytest.mark.slow
-def test_a_kernel_of_ones_own_in_a_notebook_is_what_numpy_gives_and_may_be_changed():
-    """Its cell, run again with another level, by NumPy's sum over the whole."""
-    space, _ = run(BOOKS[1])
-    sim, state = space["sim"], space["sim"].particles.read()
+    state = sim.particles.read()
     for level in (0.1, 0.05):
         above = state["x"][:, 1] > level
         momentum = -(state["ring"] * state["u"][:, 1])[above].sum()
