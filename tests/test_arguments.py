@@ -554,6 +554,7 @@ def bench(tmp_path_factory):
     os.chdir(before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seconds", "seed"),
     [(3.0, 1), pytest.param(60.0, 2, marks=pytest.mark.long), pytest.param(3600.0, 3, marks=pytest.mark.long)],

@@ -97,6 +97,7 @@ def moved(walls, until):
     return ran(scene, until=until).snapshot().x - x
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sign", "unilateral"),
     [

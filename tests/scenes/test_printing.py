@@ -118,6 +118,7 @@ def failure_height(**keywords):
     return found, found - scene.spacing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("structuration", [pytest.param(0.0, marks=pytest.mark.long), 80.0])
 def test_a_printed_wall_fails_at_twice_its_yield_stress(structuration):
     """The height at failure lies between rho g H = 2 tau_y, the strength of the foot in plane strain, and the mechanism

@@ -74,6 +74,7 @@ def test_film_stands_below_its_yield_value_and_flows_above():
     assert flows.l2(s.u[:, 0], flows.profile(s.x[:, 1], WEIGHT, 100.0, 0.5 * WEIGHT * DEPTH)) <= 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bn", "pressure"), [(0.0, 3.0), (1.0, 4.0), (1.0, 2.0)])
 @pytest.mark.parametrize("viscosity", [50.0, 400.0])
 def test_film_starts_as_fast_as_it_should(bn, pressure, viscosity):

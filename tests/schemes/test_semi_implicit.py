@@ -155,6 +155,7 @@ def test_poisson_matrix_is_symmetric_positive_definite_and_equals_a_dense_one():
     assert np.all(p[~carries] == 0.0) and p.min() < 0.0 < p.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "numerics, pressure, speed, drift",
     [
@@ -228,6 +229,7 @@ def film(cells, depth, material, force, seconds):
     return rows["x"][fluid, 1], rows["u"][fluid, 0], simulation
 
 
+@pytest.mark.slow
 def test_newtonian_film_converges_with_first_order():
     """The walls' zero velocity lies half a spacing behind the wall, so the film is exact for a depth larger by l0/2, to
     (l0/H)^2 and the rest of the start-up after 0.25 s: 14 % off at 10 across, and twice that at 5."""

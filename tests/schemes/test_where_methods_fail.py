@@ -218,6 +218,7 @@ def body_of(name):
     return x, np.tile(u, (len(x), 1))
 
 
+@pytest.mark.slow
 def test_what_must_stand_stands(box_default):
     """A column of few particles below its critical height stands for two seconds and slows down, by a factor of e in
     0.3 s, so that ten seconds more would move it a hundredth of a spacing. Pools: rows still_pool_* of the validation

@@ -62,6 +62,7 @@ def test_a_free_block_follows_gravity(free):
 VELOCITY = ((0.1, 0.0, 0.0), (0.2, 0.0, 0.4), (0.3, 0.0, 0.4), (0.3, 0.0, 0.0))  # [m/s], from 0.1 s on
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("until", [pytest.param(3.0, marks=pytest.mark.long), 0.5])
 def test_a_floor_lifts_a_block_as_it_says(until):
     """A rising floor carries a block that stands on it; the block comes to rest when the floor has stopped, and not

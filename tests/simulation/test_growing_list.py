@@ -24,6 +24,7 @@ def scene(wall, height):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wall", "height", "steps"),
     [(0.65, 20.0, [0]), pytest.param(0.6875, 2.2, range(1, STEPS), marks=pytest.mark.long)],

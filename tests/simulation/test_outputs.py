@@ -76,6 +76,7 @@ def test_a_run_does_not_know_its_outputs(scene, keywords, numerics, until):
         assert with_outputs(sim, start, None)[0] == alone
 
 
+@pytest.mark.slow
 @RUNS
 def test_a_run_does_not_know_its_limits(scene, keywords, numerics, until):
     """A limit that lies between two steps tells what lies on the line between them, and the run goes on as if there had

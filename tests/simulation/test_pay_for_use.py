@@ -30,6 +30,7 @@ def forbid(monkeypatch):
 NEWTONIAN = mps.Newtonian(density=2300.0, viscosity=50.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pi_c", "others"),
     [(None, "bi_viscosity"), pytest.param(0.01, "return_mapping", marks=pytest.mark.slow)],

@@ -57,6 +57,7 @@ def scene(source):
     return mps.catalogue.build(source)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("yield_value", "plastic_viscosity", "rate"),
     [pytest.param(50.0, 100.0, 0.05, marks=pytest.mark.long), (20.0, 20.0, 0.02)],

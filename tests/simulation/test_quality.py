@@ -33,6 +33,7 @@ def begun(block, **changes):
 
 
 # ---- volume ----------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_the_largest_volume_error_is_reported_and_goes_on_where_a_run_is_resumed(block):
     sim, errors = begun(block), []
     sim.each_step(lambda sim: errors.append(abs(sim.report.volume_error)))
@@ -108,6 +109,7 @@ def test_a_slump_that_is_no_number_is_an_error_and_no_field_of_the_summary(block
 
 
 # ---- the edge --------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_who_reaches_the_edge_of_the_domain_is_told_which_and_what_enlarges_it():
     given = parts(walls=(), gravity=(0.0, -1.0), enlarged_by="room", parameters={"room": 2.0})
     sim = mps.Simulation(mps.Scene(**given, velocity=np.tile((0.0, 9.0), (25, 1))))

@@ -86,6 +86,7 @@ def test_a_thixotropic_law_of_ones_own_comes_to_rest():
     np.testing.assert_allclose(structure, 2.0 * sim.report.time, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_ten_minutes_at_rest_are_few_steps_and_an_age():
     """300 Pa that grow by 0.5 Pa/s are 600 Pa after 600 s without weight, in the mould; what then falls is the mix of
     an age of 600 s."""

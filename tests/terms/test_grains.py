@@ -304,7 +304,7 @@ def test_a_disc_in_shear_turns_with_half_of_the_shear_rate():
 
 @pytest.mark.long
 def test_an_ellipse_in_shear_turns_over_in_the_time_of_jeffery():
-    """Jeffery 1922, unbounded: half a turn in pi (r + 1/r)/gamma, r the ratio of the axes with the second moments of its
+    """Jeffery 1922, unbounded: half a turn in pi (r + 1/r)/gamma, r the ratio of the axes by the second moments of its
     particles, each a square; 12 across in a gap of six diameters."""
     sim = sheared(0.36, diameter=0.06, shape="ellipse 2:1")
     s = sim.snapshot()

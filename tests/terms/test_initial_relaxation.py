@@ -81,6 +81,7 @@ def test_a_jittered_fill_is_even_after_it_fills_the_same_room_and_is_in_front_of
     assert x[:, -1].min() > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:fluid")
 def test_a_block_that_must_stand_stands_however_it_is_filled(plane):
     """A block with a yield stress of 0.34 rho g H, more than one of any width needs, stands for 0.3 s after relaxation

@@ -25,6 +25,7 @@ def film():
     return flowing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("yield_value", "bound"), [(0.0, 0.04), (100.0, 0.2)])
 def test_film_flows_as_one_that_weighs_less_by_its_friction(yield_value, bound, film):
     """A film of 5 degrees on a slope of 10, at 10 across, flows by its weight along the slope less friction, both
