@@ -88,14 +88,15 @@ class GhostSums:
         # GHOST_SUMS at a size and z = re k/(entries - 1), and their derivative by the curvature [m]
         self.flat, self.bend = constant_fields(tables[0], (tables[1] - tables[2]) / (2.0 * bent), vectors=True)
         if corners:
-            remaining = corner_table(dimension, spacing, effective_radius, **kernels)
             # fraction that remains, by the distances across and from it
-            (self.corner,) = constant_fields(remaining.swapaxes(0, 1), vectors=True)
+            (self.corner,) = constant_fields(
+                corner_table(dimension, spacing, effective_radius, **kernels).swapaxes(0, 1), vectors=True
+            )
         self.has_wedges = bool(meet.any())
         if self.has_wedges:
-            cosines = np.linspace(-1.0, 1.0, COSINES)
             fractions = [
-                corner_table(dimension, spacing, effective_radius, WEDGE_ENTRIES, c, **kernels) for c in cosines
+                corner_table(dimension, spacing, effective_radius, WEDGE_ENTRIES, cosine, **kernels)
+                for cosine in np.linspace(-1.0, 1.0, COSINES)
             ]
             (self.wedge,) = constant_fields(np.array(fractions), vectors=True)
             (self.meet,) = constant_fields(meet)

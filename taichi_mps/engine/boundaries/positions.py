@@ -18,8 +18,9 @@ class WallPositions:
         self.dimension, self.effective_radius, self.closest = dimension, effective_radius, MIN_DISTANCE * spacing
         self.clock = double_field()  # time of the walls' positions [s]
         self.time = 0.0  # start of the present step [s]
-        arguments = dimension, spacing, self.clock, capacity, effective_radius
-        self.surfaces = tuple(SURFACES[type(wall)](wall, *arguments) for wall in walls)
+        self.surfaces = tuple(
+            SURFACES[type(wall)](wall, dimension, spacing, self.clock, capacity, effective_radius) for wall in walls
+        )
         self.moving = any(wall.speed > 0.0 for wall in walls)
         self.positions_change = any(surface.changes_position for surface in self.surfaces)
         self.varying = [surface for surface in self.surfaces if surface.velocity_varies]

@@ -73,10 +73,7 @@ class Walls(WallPositions):
         # for rings the axis is no mirror to the other walls: the circle there has no length
         mirrors = [getattr(wall, "mirror", False) and not (rings and abs(wall.normal[0]) > 0.5) for wall in walls]
         for k, others in enumerate(perpendicular_walls(walls)):
-            mirror = [mirrors[m] or mirrors[k] for m in others]
-            self.surfaces[k].cut_by = tuple(
-                (self.surfaces[m], m < k, part) for m, part in zip(others, mirror, strict=True)
-            )
+            self.surfaces[k].cut_by = tuple((self.surfaces[m], m < k, mirrors[m] or mirrors[k]) for m in others)
         corners = any(surface.cut_by for surface in self.surfaces)
         meet = face_pairs(walls, [k for k, _ in each], mirrors)
         kernels = {"weight": weight, "packing_kernel": packing_kernel}
@@ -92,8 +89,11 @@ class Walls(WallPositions):
 
     def select_faces(self, face=None, kind=None):
         """Pairs (number, surface) of one face or of all; with a ``kind`` only where that attribute is true."""
-        faces = [(f, wall) for f, wall in enumerate(self.faces) if face in (None, f)]
-        return [(f, wall) for f, wall in faces if kind is None or getattr(wall, kind)]
+        return [
+            (f, wall)
+            for f, wall in enumerate(self.faces)
+            if face in (None, f) and (kind is None or getattr(wall, kind))
+        ]
 
     def set_friction_penalty(self, inertia: float) -> None:
         """Set the penalty of the walls' friction for a step of rho/dt = ``inertia`` [kg/(m3 s)]."""

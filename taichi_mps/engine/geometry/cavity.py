@@ -62,13 +62,17 @@ class Cavity:
         form = f"cavity: low = {self.low} m, high = {self.high} m, spacing = {self.spacing:g} m"
         require(len(self.low) == len(self.high), f"{form}: low and high must have as many coordinates")
         size = np.subtract(self.high, self.low)
-        least = f"{0.5 * self.spacing:g} m, along each axis"
-        require(np.all(size >= 0.5 * self.spacing), f"{form}: must be at least half a spacing long, {least}")
+        require(
+            np.all(size >= 0.5 * self.spacing),
+            f"{form}: must be at least half a spacing long, {0.5 * self.spacing:g} m, along each axis",
+        )
         cells = float(np.prod(size / (0.5 * self.spacing)))
         require(cells <= MAX_POINTS, f"{form}: has {cells:.2g} cells; must be at most {MAX_POINTS:.2g}")
         for wall in self.walls:
-            same_dimension = len(getattr(wall, "point", self.low)) == len(self.low)
-            require(same_dimension, f"walls = {wall}: must have {len(self.low)} coordinates, as low has")
+            require(
+                len(getattr(wall, "point", self.low)) == len(self.low),
+                f"walls = {wall}: must have {len(self.low)} coordinates, as low has",
+            )
         require(self.cells.any(), f"{form}: lies in the walls; must hold some room")
 
     @cached_property
@@ -169,16 +173,14 @@ class Cavity:
         """
         void, room = self.cells & ~self.filled(s), float(self.cells.sum() * np.prod(self.cell))
         inside = np.all(s.x >= self.low, axis=1) & np.all(s.x[:, :-1] <= self.high[:-1], axis=1)
-        sides = np.broadcast_to(getattr(s, "size", self.spacing), len(s.x))[inside]
-        ratio = min(1.0 - void.sum() / self.cells.sum(), (1.0 + 1e-9) * (sides ** len(self.shape)).sum() / room)
-        above = np.broadcast_to(getattr(s, "size", self.spacing), len(s.x))[s.x[:, -1] > self.high[-1]]
+        sides = np.broadcast_to(getattr(s, "size", self.spacing), len(s.x))
+        ratio = min(1.0 - void.sum() / self.cells.sum(), (1.0 + 1e-9) * (sides[inside] ** len(self.shape)).sum() / room)
         places = np.argwhere(void)
         centre = np.array(self.low) + self.cell * (places.mean(0) + 0.5) if len(places) else None
-        layers = np.transpose(self.by_height(s)).tolist()
         return {
             "filled_ratio": float(ratio),
             "void_m3": float((1.0 - ratio) * room),
-            "above_m3": float((above ** len(self.shape)).sum()),
+            "above_m3": float((sides[s.x[:, -1] > self.high[-1]] ** len(self.shape)).sum()),
             "void_centre": None if centre is None else centre.tolist(),
-            "filled_by_height": [[z, fraction] for z, fraction in layers if not np.isnan(fraction)],
+            "filled_by_height": [row for row in np.transpose(self.by_height(s)).tolist() if not np.isnan(row[1])],
         }

@@ -14,15 +14,17 @@ ELLIPSOID = re.compile(r"ellipse N:N|ellipsoid N:N:N".replace("N", r"(\d+\.?\d*)
 def clump_rows(shape) -> np.ndarray:
     """Offset and radius of each sphere of a shape given in words or as these rows (k, d + 1), in any unit; no rows of a
     sphere. SceneError where it is none."""
-    words = "'sphere', 'ellipsoid 2:1:1', in a plane 'ellipse 2:1', or rows of the offset and the radius of each sphere"
-    rows, wrong = shape, f"grains: shape = {str(shape):.60}: must be {words}; ratios from 0.1 to 10, radii above 0"
+    wrong = (
+        f"grains: shape = {str(shape):.60}: must be 'sphere', 'ellipsoid 2:1:1', in a plane 'ellipse 2:1', or rows of "
+        "the offset and the radius of each sphere; ratios from 0.1 to 10, radii above 0"
+    )
     if isinstance(shape, str):
         found = ELLIPSOID.fullmatch(shape)
         axes = np.array([float(axis) for axis in found.groups() if axis] if found else [])
         require(shape == "sphere" or (found and axes.min() >= 0.1 and axes.max() <= 10.0), wrong)
         return ellipsoid_rows(axes / axes.max()) if found else np.zeros((0, 0))
-    require(len(rows) and np.all(rows[:, -1] > 0.0), wrong)
-    return rows
+    require(len(shape) and np.all(shape[:, -1] > 0.0), wrong)
+    return shape
 
 
 def ellipsoid_rows(axes) -> np.ndarray:

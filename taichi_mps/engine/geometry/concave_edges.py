@@ -71,8 +71,7 @@ def dilate(where, width):
     """Dilate a mask: mark the nodes within ``width`` nodes along each axis of a node that is True in ``where``."""
     for axis in range(where.ndim):
         room = [(width * (a == axis),) * 2 for a in range(where.ndim)]
-        windows = np.lib.stride_tricks.sliding_window_view(np.pad(where, room), 2 * width + 1, axis)
-        where = windows.any(axis=-1)
+        where = np.lib.stride_tricks.sliding_window_view(np.pad(where, room), 2 * width + 1, axis).any(axis=-1)
     return where
 
 
@@ -82,8 +81,7 @@ def search_offsets(d, max_distance):
     directions = np.array([step for step in itertools.product((-1, 0, 1), repeat=d) if any(step)], float)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     sizes = 1.2 * max_distance * 0.7 ** np.arange(12)
-    steps = np.rint(sizes[sizes > 0.9, None, None] * directions).astype(int).reshape(-1, d)
-    return np.unique(steps, axis=0)
+    return np.unique(np.rint(sizes[sizes > 0.9, None, None] * directions).astype(int).reshape(-1, d), axis=0)
 
 
 def interpolate(values, at):
@@ -91,7 +89,8 @@ def interpolate(values, at):
     last = np.array(values.shape) - 1
     k = np.clip(np.floor(at).astype(int), 0, last - 1)
     f = at - k
-    z = np.zeros(len(at))
-    for corner in np.ndindex(*(2,) * values.ndim):
-        z += np.prod(np.where(corner, f, 1.0 - f), axis=1) * values[tuple((k + corner).T)]
+    z = sum(
+        np.prod(np.where(corner, f, 1.0 - f), axis=1) * values[tuple((k + corner).T)]
+        for corner in np.ndindex(*(2,) * values.ndim)
+    )
     return np.where(np.all((at >= 0.0) & (at <= last), axis=1), z, np.inf)

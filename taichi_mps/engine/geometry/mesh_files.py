@@ -144,7 +144,7 @@ def read_step(path, name, tolerance):
     listed = f"{len(names)} bodies: {', '.join(names[:20])}"
     require(not name or name in names, f"mesh {path}: body = {name}: must be one of its {listed}")
     triangles = np.concatenate([np.zeros((0, 3, 3)), *(own for key, own in bodies if name in ("", key))])
-    note = f"{len(triangles)} triangles within {tolerance:.2g} m of the faces of " + (
-        f"body {name} of " if name else ""
-    )
-    return triangles, [note + listed]
+    return triangles, [
+        f"{len(triangles)} triangles within {tolerance:.2g} m of the faces of "
+        f"{f'body {name} of ' if name else ''}{listed}"
+    ]

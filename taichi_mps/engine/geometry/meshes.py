@@ -142,8 +142,7 @@ def mesh_distance(x, points, triangles):
     anew = distance + np.roll(distance, 1) <= apart + rounding
     winding = np.abs(winding_number(x[anew], points, triangles))[np.cumsum(anew) - 1]
     winding[near] = np.abs(winding_number(x[near] + rounding * BESIDE, points, triangles)).min(axis=0)
-    outside = np.where(near, signed, distance)
-    return np.where(winding > 0.5, -np.maximum(distance, 1e-3 * rounding), outside)
+    return np.where(winding > 0.5, -np.maximum(distance, 1e-3 * rounding), np.where(near, signed, distance))
 
 
 def closed_bodies(points, triangles):
@@ -159,11 +158,11 @@ def check_bodies(points, triangles, low, cell):
         if 4.0 * abs(body.volume) < 2.0 * cell * body.area:
             first = low + cell * np.ceil((body.bounds[0] - low) / cell)
             nodes = lattice(first, np.maximum(first, body.bounds[1]), cell, offset=0.0)
-            size = " x ".join(f"{s:.4g}" for s in body.extents)
             require(
                 np.any(mesh_distance(nodes, np.array(body.vertices), body.faces) < 0.0),
-                f"cell = {cell:g} m: no node of the grid lies inside the body of {size} m "
-                f"{point_text(body.bounds.mean(axis=0))}; must be finer",
+                f"cell = {cell:g} m: no node of the grid lies inside the body of "
+                f"{' x '.join(f'{s:.4g}' for s in body.extents)} m {point_text(body.bounds.mean(axis=0))}; must be "
+                "finer",
             )
 
 
@@ -224,8 +223,10 @@ def write_bars(
     import trimesh
 
     require(path.suffix.lower()[1:] in READERS, f"path = {path}: must be a file .stl, .obj or .ply")
-    wrong = f"ends of shape {ends.shape}: must be one bar or more, each between two places"
-    require(len(ends) and np.all(np.ptp(ends, axis=1).max(1) > 0.0), wrong)
+    require(
+        len(ends) and np.all(np.ptp(ends, axis=1).max(1) > 0.0),
+        f"ends of shape {ends.shape}: must be one bar or more, each between two places",
+    )
     outer = radius * np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
     bars = [trimesh.creation.cylinder(outer, segment=pair, sections=sides) for pair in ends]
     with writing("path", path):

@@ -23,13 +23,12 @@ def template(across: float, d: int, spheres: tuple = ()) -> tuple[np.ndarray, np
     half = int(np.ceil((np.linalg.norm(parts[:, :d], axis=1) + parts[:, d]).max())) + 1
     points = np.stack(np.meshgrid(*[np.arange(-half, half + 1)] * d, indexing="ij"), -1).reshape(-1, d)
     volume = {2: np.pi / 4.0, 3: np.pi / 6.0}[d] * across**d
-    best = None
+    found = []
     for offset in (np.zeros(d), np.full(d, 0.5)):
         apart = np.linalg.norm(points - offset - parts[:, None, :d], axis=-1) - parts[:, d:]
-        inside = points[apart.min(0) <= 1e-9]
-        if best is None or abs(len(inside) - volume) < abs(len(best[1]) - volume):
-            best = inside.mean(0), inside
-    return best
+        found.append(points[apart.min(0) <= 1e-9])
+    best = min(found, key=lambda inside: abs(len(inside) - volume))
+    return best.mean(0), best
 
 
 class Lattice:
@@ -39,8 +38,10 @@ class Lattice:
     def __init__(self, x, spacing: float, room: int, domain, periodic):
         low = x.min(0)
         cells = np.round((x - low) / spacing).astype(int)
-        uneven = np.abs((x - low) / spacing - cells).max()
-        require(uneven < 1e-3, "grains: the particles of the fluid stand on no lattice; must be filled by mps.fill")
+        require(
+            np.abs((x - low) / spacing - cells).max() < 1e-3,
+            "grains: the particles of the fluid stand on no lattice; must be filled by mps.fill",
+        )
         size = np.round(np.subtract(*domain[::-1]) / spacing).astype(int)
         pad = np.where(periodic, 0, room)
         self.shape = np.where(periodic, size, cells.max(0) + 1 + 2 * pad)
@@ -123,8 +124,7 @@ class Packing:
     def insert(self, k: int, count: int, random) -> int:
         """Insert up to ``count`` grains of size k at random free cells; return how many found none."""
         size = self.sizes[k]
-        cells = np.argwhere(size.allowed & (size.blocked == 0))
-        for cell in random.permutation(cells):
+        for cell in random.permutation(np.argwhere(size.allowed & (size.blocked == 0))):
             if count and self.is_free(k, cell):
                 self.put(k, cell)
                 count -= 1
@@ -134,8 +134,7 @@ class Packing:
         """Move each grain to a random free cell beside its own, where there is one."""
         for n, (k, cell) in enumerate(self.placed):
             self.block(k, cell, -1)
-            to = cell + random.integers(-1, 2, len(cell))
-            to = np.mod(to, self.lattice.shape)
+            to = np.mod(cell + random.integers(-1, 2, len(cell)), self.lattice.shape)
             self.placed[n] = (k, to if self.is_free(k, to) else cell)
             self.block(k, self.placed[n][1], 1)
 
@@ -144,10 +143,9 @@ class Packing:
         for k in np.argsort([-size.radius for size in self.sizes]):
             left = self.insert(k, counts[k], random)
             for _ in range(SHAKES):
-                if not left:
-                    break
-                self.shake(random)
-                left = self.insert(k, left, random)
+                if left:
+                    self.shake(random)
+                    left = self.insert(k, left, random)
             if left:
                 return False
         return True
@@ -160,8 +158,7 @@ class Packing:
             size = self.sizes[k]
             number[self.lattice.row[self.lattice.at(cell + size.cells)]] = g
             found.append((self.lattice.x0 + self.lattice.spacing * (cell + size.offset), size.radius, size.rotation))
-        centres, radii, rotations = (np.array(parts) for parts in zip(*found, strict=True))
-        return number, centres, radii, rotations
+        return number, *map(np.array, zip(*found, strict=True))
 
 
 def pack(x, spacing: float, domain, periodic, spheres, diameters, fractions, seed: int):
@@ -199,8 +196,10 @@ def place(x, spacing: float, domain, periodic, spheres, centres, diameters):
         cell = np.floor((centre - lattice.x0) / spacing - size.offset + 0.5 - 1e-6).astype(int)
         cell = np.where(lattice.periodic, np.mod(cell, lattice.shape), cell)
         where = f"grains: centre = {tuple(centre.tolist())} m"
-        inside = np.all((cell >= 0) & (cell < lattice.shape)) and size.allowed[lattice.at(cell[None])][0]
-        require(inside, f"{where}: the grain of {2 * size.radius:g} m reaches out of the fluid; must lie in it")
+        require(
+            np.all((cell >= 0) & (cell < lattice.shape)) and size.allowed[lattice.at(cell[None])][0],
+            f"{where}: the grain of {2 * size.radius:g} m reaches out of the fluid; must lie in it",
+        )
         require(packing.is_free(k, cell), f"{where}: overlaps another; all must be apart")
         packing.put(k, cell)
     return packing.result(len(x))

@@ -78,8 +78,10 @@ class Box:
     high: vector("m")
 
     def __post_init__(self):
-        above = len(self.low) == len(self.high) and np.all(np.less(self.low, self.high))
-        require(above, f"high = {self.high} m of a box: must be above low = {self.low} m along each axis")
+        require(
+            len(self.low) == len(self.high) and np.all(np.less(self.low, self.high)),
+            f"high = {self.high} m of a box: must be above low = {self.low} m along each axis",
+        )
 
     @validated
     def contains(self, x: points("m")) -> np.ndarray:
@@ -139,8 +141,10 @@ class Cone:
     height: Size
 
     def __post_init__(self):
-        radii = f"base_radius = {self.base_radius:g} m, top_radius = {self.top_radius:g} m"
-        require(self.volume > 0.0, f"{radii}: one must be greater than 0 m")
+        require(
+            self.volume > 0.0,
+            f"base_radius = {self.base_radius:g} m, top_radius = {self.top_radius:g} m: one must be greater than 0 m",
+        )
 
     @validated
     def contains(self, x: points("m")) -> np.ndarray:
@@ -204,19 +208,21 @@ def lattice(low: array("m", (None,)), high: array("m", (None,)), spacing: Size, 
     """
     require(len(low) == len(high), f"high = {high} m: must have as many coordinates as low = {low} m")
     require(np.size(offset) in (1, len(low)), f"offset = {offset}: must be one number, or {len(low)}")
-    offsets = np.broadcast_to(offset, low.shape)
     with np.errstate(over="ignore"):  # a tiny spacing overflows
         points = float(np.prod(np.maximum(high - low, 0.0) / spacing))
     least = spacing * (points / MAX_POINTS) ** (1.0 / len(low))
-    many = f"spacing = {spacing:g} m: fills the box with {points:.2g} particles, at most {MAX_POINTS:.2g}"
-    require(points <= MAX_POINTS, f"{many}; must be at least {1.01 * least:.3g} m")
+    require(
+        points <= MAX_POINTS,
+        f"spacing = {spacing:g} m: fills the box with {points:.2g} particles, at most {MAX_POINTS:.2g}; must be at "
+        f"least {1.01 * least:.3g} m",
+    )
     if points > CHECK_MEMORY_FROM:
         require_available(
             BYTES_PER_POINT * points, f"spacing = {spacing:g} m: {points:.2g} particles of a lattice take"
         )
     axes = [
         lo + spacing * (o + np.arange(max(0, int(np.floor((hi - lo) / spacing - o + 1 + 1e-9)))))
-        for lo, hi, o in zip(low, high, offsets, strict=True)
+        for lo, hi, o in zip(low, high, np.broadcast_to(offset, low.shape), strict=True)
     ]
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(low))
 
@@ -302,8 +308,7 @@ def shell(low: vector("m"), high: vector("m"), spacing: Size, layers: Count = 3)
     thick = layers * spacing
     top = np.append(np.zeros(len(low) - 1), 1.0)
     x = lattice(low - thick, high + thick * (1.0 - top), spacing)
-    inside = np.all((x > low) & (x < high + thick * top), axis=1)
-    return x[~inside]
+    return x[~np.all((x > low) & (x < high + thick * top), axis=1)]
 
 
 @validated
@@ -385,8 +390,10 @@ def fill(solid: InstanceOf[Body], spacing: Size, mirrors: Sequence[InstanceOf[Ha
         f"{size.min():.4g} m",
     )
     for mirror in mirrors:
-        along = np.count_nonzero(np.abs(mirror.normal) > 1e-9) == 1
-        require(along, f"mirrors: normal = {mirror.normal}: must be along an axis")
+        require(
+            np.count_nonzero(np.abs(mirror.normal) > 1e-9) == 1,
+            f"mirrors: normal = {mirror.normal}: must be along an axis",
+        )
     candidates = []
     for centred in (0.0,) if mirrors else (0.0, 0.5):
         lo = low.copy()
@@ -401,8 +408,11 @@ def fill(solid: InstanceOf[Body], spacing: Size, mirrors: Sequence[InstanceOf[Ha
     best = min(candidates, key=lambda x: abs(len(x) * spacing ** len(low) - solid.volume))
     fraction = len(best) * spacing ** len(low) / solid.volume
     if len(best) and abs(fraction - 1.0) > MAX_LEFT_OUT:
-        remedy = "a spacing of which its sides are multiples, or a smaller one, fills it"
-        warnings.warn(f"spacing = {spacing:g} m: particles fill {fraction:.0%} of the body; {remedy}", stacklevel=3)
+        warnings.warn(
+            f"spacing = {spacing:g} m: particles fill {fraction:.0%} of the body; a spacing of which its sides are "
+            "multiples, or a smaller one, fills it",
+            stacklevel=3,
+        )
     for mirror in mirrors:
         best = best[mirror.distance(best) > 0.0]
     require(len(best), f"spacing = {spacing:g} m: no particle fits into the body; use a smaller spacing")

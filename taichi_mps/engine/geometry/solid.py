@@ -43,8 +43,10 @@ def polygon_corners(corners):
 def evaluate_distance(function, x):
     """Evaluate a user's distance function [m] at points (n, d); SceneError where it gives no finite numbers."""
     found = numbers_from("distance", function, x)
-    wrong = f"distance = {quote(function, '')}: must give a finite number [m] for each point, (n,)"
-    require(found.size == len(x) and np.all(np.isfinite(found)), wrong)
+    require(
+        found.size == len(x) and np.all(np.isfinite(found)),
+        f"distance = {quote(function, '')}: must give a finite number [m] for each point, (n,)",
+    )
     return found
 
 
@@ -125,11 +127,15 @@ class Solid(Moving):
     def __post_init__(self):
         check_surface(self, "low")
         turns = self.pivot is not None and bool(np.any(self.unit_axis)) == (len(self.low) == 3)
-        turning = f"angular_velocity = {self.angular_velocity:g} rad/s of a solid"
-        require(turns or not self.angular_velocity, f"{turning}: needs a pivot, and an axis in 3-D only")
+        require(
+            turns or not self.angular_velocity,
+            f"angular_velocity = {self.angular_velocity:g} rad/s of a solid: needs a pivot, and an axis in 3-D only",
+        )
         values = self.values
-        is_grid = values.ndim == len(self.low) and min(values.shape) >= 2
-        require(is_grid, f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}")
+        require(
+            values.ndim == len(self.low) and min(values.shape) >= 2,
+            f"values of shape {values.shape}: must be a grid of two nodes or more along {self.low}",
+        )
         require(
             np.any(values < 0.0),
             f"cell = {self.cell:g} m: no node of the grid lies inside the solid; must be at most half of its "
@@ -137,8 +143,10 @@ class Solid(Moving):
         )
         changes = (np.diff(values, axis=axis) for axis in range(values.ndim))
         steepest = max(float(np.abs(change, out=change).max()) for change in changes) / self.cell
-        change = f"values: the distance changes by {steepest:.3g} m per metre; a distance changes by at most 1"
-        require(steepest <= 1.5, change)
+        require(
+            steepest <= 1.5,
+            f"values: the distance changes by {steepest:.3g} m per metre; a distance changes by at most 1",
+        )
 
     @classmethod
     @validated
@@ -168,8 +176,10 @@ class Solid(Moving):
         """
         require(len(low) == len(high), f"high = {high} m: must have as many coordinates as low = {low} m")
         low, high = np.array(low, float), np.array(high, float)
-        fits = f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m"
-        require(np.all(high - low >= cell), fits)
+        require(
+            np.all(high - low >= cell),
+            f"cell = {cell:g} m: must be greater than 0 m and fit between {low} and {high} m",
+        )
         with np.errstate(over="ignore"):  # a tiny cell overflows
             shape = np.ceil((high - low) / cell - 1e-9) + 1.0
             needed = float(np.prod(shape))
@@ -183,8 +193,7 @@ class Solid(Moving):
                 logging.getLogger(__name__).info(f"{part:.0%} of the distances of a solid at {needed:.2g} nodes")
             nodes = np.stack(np.meshgrid(ticks[0][first : first + slab], *ticks[1:], indexing="ij"))
             values.append(evaluate_distance(distance, nodes.reshape(len(low), -1).T).reshape(nodes.shape[1:]))
-        values = np.concatenate(values)
-        return cls(values, tuple(low), cell, **keywords)
+        return cls(np.concatenate(values), tuple(low), cell, **keywords)
 
     @classmethod
     @validated
@@ -247,11 +256,13 @@ class Solid(Moving):
         require(len(places), "places: must be one bar or more")
         low = [*(places.min(0) - radius - reach), upright[0]]
         high = [*(places.max(0) + radius + reach), upright[1]]
-
-        def distance(x):
-            return np.min([np.hypot(*(x[:, :2] - place).T) for place in places], axis=0) - radius
-
-        return cls.of(distance, low, high, cell, **keywords)
+        return cls.of(
+            lambda x: np.min([np.hypot(*(x[:, :2] - place).T) for place in places], axis=0) - radius,
+            low,
+            high,
+            cell,
+            **keywords,
+        )
 
     @classmethod
     @validated
@@ -470,8 +481,7 @@ class Solid(Moving):
     @property
     def speed(self) -> float:
         """Largest speed of the wall [m/s]."""
-        corners = self.corners
-        return float(np.linalg.norm(self.travel + (corners - self.centre) @ self.spin.T, axis=1).max())
+        return float(np.linalg.norm(self.travel + (self.corners - self.centre) @ self.spin.T, axis=1).max())
 
     @validated
     def distance(self, x: points("m"), time: Instant = 0.0) -> np.ndarray:
@@ -525,8 +535,10 @@ def polygon_distance(x: PlanePoints, corners: PolygonCorners) -> np.ndarray:
     sides = np.roll(corners, -1, axis=0) - corners
     after = np.roll(sides, -1, axis=0)
     turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]  # to the left, of an angle below 180 degrees
-    sound = turns.max() > 0.0 and turns.min() > -1e-9 * (sides**2).max()
-    require(sound, f"corners = {corners.tolist()}: must be those of a convex polygon, counter-clockwise")
+    require(
+        turns.max() > 0.0 and turns.min() > -1e-9 * (sides**2).max(),
+        f"corners = {corners.tolist()}: must be those of a convex polygon, counter-clockwise",
+    )
     nearest, inside = np.full(len(x), np.inf), np.full(len(x), True)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         along, offset = b - a, x - a

@@ -78,15 +78,21 @@ def check_surface(wall, first="point"):
     SceneError
         For the first key that is wrong.
     """
-    named = not wall.name or wall.name.isidentifier()
-    require(named, f"name = {wall.name!r} of a wall: must be one word of letters, digits and _")
+    require(
+        not wall.name or wall.name.isidentifier(),
+        f"name = {wall.name!r} of a wall: must be one word of letters, digits and _",
+    )
     d = len(wall.point)
     for key in ("normal", "velocity", "pivot", "axis"):
         value = getattr(wall, key, None)
-        same_dimension = value is None or np.ndim(value) != 1 or len(value) == d
-        require(same_dimension, f"{key} = {value} of a wall with {first} = {wall.point}: must be {d} finite numbers")
-    both = f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out"
-    require(wall.friction is None or not wall.slip, both)
+        require(
+            value is None or np.ndim(value) != 1 or len(value) == d,
+            f"{key} = {value} of a wall with {first} = {wall.point}: must be {d} finite numbers",
+        )
+    require(
+        wall.friction is None or not wall.slip,
+        f"slip = True with friction = {wall.friction}: a wall has one of them; must be left out",
+    )
     wall.in_time  # noqa: B018  (evaluated here, so that an error in it is raised here)
 
 
@@ -167,13 +173,19 @@ class Plane(Moving):
     def __post_init__(self):
         check_surface(self)
         kind = "mirror plane" if self.mirror else "plane"
-        unit = abs(np.linalg.norm(self.normal) - 1.0) <= 1e-6
-        require(unit, f"normal = {self.normal} of a {kind}: must have the length 1")
+        require(
+            abs(np.linalg.norm(self.normal) - 1.0) <= 1e-6,
+            f"normal = {self.normal} of a {kind}: must have the length 1",
+        )
         if self.mirror:
-            with_friction = f"friction = {self.friction} of a mirror plane: nothing rubs there; must be left out"
-            require(self.friction is None, with_friction)
-            moving = f"velocity = {self.velocity} m/s: a mirror plane cannot move; must be left out"
-            require(self.velocity is None, moving)
+            require(
+                self.friction is None,
+                f"friction = {self.friction} of a mirror plane: nothing rubs there; must be left out",
+            )
+            require(
+                self.velocity is None,
+                f"velocity = {self.velocity} m/s: a mirror plane cannot move; must be left out",
+            )
             object.__setattr__(self, "slip", True)
 
     @property
@@ -274,16 +286,20 @@ class Cylinder(Moving):
         d = len(self.point)
         given = array_of([] if self.axis is None else self.axis)
         is_direction = given.shape == (3,) and given.any()
-        wrong = f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D"
-        require(is_direction if d == 3 else given.shape == (0,), wrong)
+        require(
+            is_direction if d == 3 else given.shape == (0,),
+            f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D",
+        )
         require(
             d == 3 or not (self.velocity or self.slope or self.length),
             f"velocity = {quote(self.velocity, 'm/s')}, slope = {self.slope:g}, length = {self.length} m: a circle has "
             "no axis; must be left out in 2-D",
         )
         endless = self.length is None
-        tip = f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip"
-        require(not (self.slope and endless), tip)
+        require(
+            not (self.slope and endless),
+            f"slope = {self.slope:g}: needs a length; a cone that goes on has no radius at its tip",
+        )
         require(not (self.thin and endless), "thin = True: needs a length; what is thin must end somewhere")
         narrow = self.smallest_radius
         require(narrow > 0.0, f"slope = {self.slope:g}: radius = {narrow:g} m at an end; must be greater than 0 m")
@@ -379,13 +395,9 @@ def box_planes(
     """
     corners = Box(low, high)
     low, high = (tuple(map(float, corner)) for corner in (corners.low, corners.high))
-    d = len(low)
-    unit = np.eye(d)
-    surface = {"slip": slip, "friction": friction}
-    floor = Plane(low, tuple(unit[-1]), **surface)
-    sides = [Plane(low, tuple(unit[a]), **surface) for a in range(d - 1)]
-    sides += [Plane(high, tuple(-unit[a]), **surface) for a in range(d - 1)]
-    return (floor, *sides)
+    *across, up = np.eye(len(low))
+    places = [(low, up), *((low, normal) for normal in across), *((high, -normal) for normal in across)]
+    return tuple(Plane(point, tuple(normal), slip=slip, friction=friction) for point, normal in places)
 
 
 @validated

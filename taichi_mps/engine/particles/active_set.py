@@ -62,9 +62,8 @@ class ActiveSet:
     def end_step(self, dt: float) -> None:
         """Update the counters after a step of dt [s]; after one of all particles, count those at rest."""
         self.excluded_time += dt
-        fraction = self.left_out / self.particles.number
         self.all_steps += 1
-        self.mean_part_left_out += (fraction - self.mean_part_left_out) / self.all_steps
+        self.mean_part_left_out += (self.left_out / self.particles.number - self.mean_part_left_out) / self.all_steps
         if self.is_full_step and (self.steps >= FULL_STEP_INTERVAL or self.rest_fraction >= MIN_EXCLUDED_FRACTION):
             self.steps = 0
             self.count_at_rest()

@@ -54,8 +54,9 @@ class Gradient:
             self.ring_sums = ring_table(spacing, self.effective_radius, ratios, self.weight)
             # n0 and packing [-] of a lattice with these ratios
             (self.lattices,) = constant_fields(self.ring_sums, vectors=True)
-        ratios = {"ratio": self.ratio} if self.axisymmetric else {}
-        self.field_io = FieldIO({"n": self.n, **ratios}, particles.capacity)
+        self.field_io = FieldIO(
+            {"n": self.n} | ({"ratio": self.ratio} if self.axisymmetric else {}), particles.capacity
+        )
 
     @ti.func
     def cross_section_ratio(self, i):

@@ -71,10 +71,14 @@ def lattice_sums(
     near = (r > 0.5 * spacing) & (r < effective_radius)
     r, height = r[near], points[near, 0]
     w = weight(r / effective_radius)
-    lam, surface_normal = (w * r * r).sum() / w.sum(), 0.5 * (w * np.abs(height) / r).sum()
-    packing = 1.0 + packing_kernel(r / effective_radius).sum()
     return LatticeSums(
-        float(w.sum()), float(lam), len(r), float(surface_normal), float(packing), weight, packing_kernel
+        n0=float(w.sum()),
+        lam=float((w * r * r).sum() / w.sum()),
+        neighbours=len(r),
+        surface_normal=float(0.5 * (w * np.abs(height) / r).sum()),
+        packing=float(1.0 + packing_kernel(r / effective_radius).sum()),
+        weight=weight,
+        packing_kernel=packing_kernel,
     )
 
 
@@ -113,8 +117,7 @@ def ghost_table(
     ghosts = _lattice_behind(dimension, spacing, effective_radius)
     z = effective_radius * np.maximum(np.arange(entries), 1) / (entries - 1)
     table = _terms(ghosts, z[:, None], spacing, effective_radius, weight, packing_kernel, curvature).sum(2).T.copy()
-    counted = [GHOST_SUMS.index(name) for name in ("neighbours", "n", "packing")]
-    table[:, counted] *= size**2
+    table[:, [GHOST_SUMS.index(name) for name in ("neighbours", "n", "packing")]] *= size**2
     return table
 
 
@@ -137,17 +140,18 @@ def _terms(ghosts, z, spacing, effective_radius, weight, packing_kernel, curvatu
     q = np.minimum(1.0, r / effective_radius)
     w = weight(q)
     wr2 = w / r**2
-    terms = (
-        r < effective_radius,
-        w,
-        2 * wr2 * h,
-        wr2 * t**2 * (1 + d / z),
-        wr2 * h**2,
-        w * h / r,
-        np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r,
-        packing_kernel(q),
+    return np.stack(
+        [
+            r < effective_radius,
+            w,
+            2 * wr2 * h,
+            wr2 * t**2 * (1 + d / z),
+            wr2 * h**2,
+            w * h / r,
+            np.maximum(0.0, 1.0 - r / (1.5 * spacing)) * h / r,
+            packing_kernel(q),
+        ]
     )
-    return np.stack(terms)
 
 
 def corner_table(

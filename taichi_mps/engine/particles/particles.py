@@ -69,10 +69,8 @@ class Particles:
 
         self.carried = {name: make(name) for name in specs}
         self.carries_stress, self.has_grains = "stress" in specs, "slot" in specs
-        buffer = {name: make(name) for name in specs}  # scratch of the reorder
-        self.buffers = [(field, buffer[name]) for name, field in self.carried.items()]
-        for name, field in self.carried.items():
-            setattr(self, name, field)
+        self.buffers = [(field, make(name)) for name, field in self.carried.items()]  # scratch of the reorder
+        vars(self).update(self.carried)
         self.has_walls = bool((np.asarray(start.get("kind", FLUID)) != FLUID).any())
         self.count = ti.field(ti.i32, ())  # particles in use
         self.excluded = ti.field(ti.i32, ())  # fluid particles behind them, which a step excludes
@@ -106,8 +104,7 @@ class Particles:
         state, m = self.read(), len(positions)
         new = {"x": positions, "u": velocities, "kind": FLUID, "id": len(state["x"]) + np.arange(m)} | fields
         for name, values in state.items():
-            entered = np.broadcast_to(new.get(name, 0.0), (m, *values.shape[1:]))
-            state[name] = np.concatenate([values, entered])
+            state[name] = np.concatenate([values, np.broadcast_to(new.get(name, 0.0), (m, *values.shape[1:]))])
         self.load(state)
 
     @ti.func

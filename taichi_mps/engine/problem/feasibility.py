@@ -63,7 +63,7 @@ def walls_suit_the_scheme(problem):
             f"wall_loads = True: scheme {problem.scheme} with walls = particles has no surface to measure on; must be "
             "scheme implicit with walls = surfaces",
         )
-        of_surfaces = {
+        for what, there in {
             "has grains": problem.scene.grains,
             "is axisymmetric": scene.axisymmetric,
             "has an inlet": scene.inlets,
@@ -71,8 +71,7 @@ def walls_suit_the_scheme(problem):
             "has a wall that moves or is thin": any(wall.speed > 0.0 or wall.thin for wall in scene.walls),
             "has a wall that has friction": any(wall.friction for wall in scene.walls),
             "describes its walls as surfaces only": scene.walls and scene.wall_particles is None,
-        }
-        for what, there in of_surfaces.items():
+        }.items():
             require(not there, f"walls = particles: scene {scene.name} {what}; must be surfaces, scheme implicit")
     for wall in scene.walls:
         smallest = wall.smallest_radius if isinstance(wall, Cylinder) else np.inf
@@ -109,9 +108,8 @@ def inlets_are_plausible(problem):
             nozzle <= MAX_JET_SPEED,
             f"inlet: path: moves with the jet at {nozzle:.3g} m/s; must be at most {MAX_JET_SPEED:g} m/s",
         )
-        first = scene.inlet_layer(inlet) + inlet.displacement(0.0)
         require(
-            inlet.start > 0.0 or not buried(first, scene.fluid, spacing),
+            inlet.start > 0.0 or not buried(scene.inlet_layer(inlet) + inlet.displacement(0.0), scene.fluid, spacing),
             f"inlet: centre = {point(inlet.centre)} m: lies in the fluid at 0 s; must be clear of it or start later",
         )
 
@@ -132,8 +130,11 @@ def walls_lie_where_the_fluid_is(problem):
     for wall in scene.walls:
         if isinstance(wall, Solid):
             size, room = (float(np.subtract(*ends).max()) for ends in ((wall.high, wall.low), (high, low)))
-            given = f"walls: a solid of {size:.3g} m in a domain of {room:.3g} m: must be at most 100 times as long"
-            require(size <= 100.0 * room, f"{given}; scale = 0.001 for a mesh in mm")
+            require(
+                size <= 100.0 * room,
+                f"walls: a solid of {size:.3g} m in a domain of {room:.3g} m: must be at most 100 times as long; "
+                "scale = 0.001 for a mesh in mm",
+            )
         depth = 0.0 if wall.thin else -float(np.min(wall.distance(scene.initial)))
         require(
             depth <= 0.5 * scene.spacing,

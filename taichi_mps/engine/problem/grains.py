@@ -77,9 +77,9 @@ class Grains:
         )
         require(self.centres is None or len(self.centres), "grains: centres = []: must be one or more")
         if np.ndim(self.diameter):
-            sound = len(self.diameter) and np.all(self.diameter > 0.0) and abs(self.diameter[:, 1].sum() - 1.0) < 1e-6
             require(
-                sound, f"grains: diameter = {self.diameter.tolist()}: must be diameters and fractions above 0, sum 1"
+                len(self.diameter) and np.all(self.diameter > 0.0) and abs(self.diameter[:, 1].sum() - 1.0) < 1e-6,
+                f"grains: diameter = {self.diameter.tolist()}: must be diameters and fractions above 0, sum 1",
             )
             require(self.centres is None, "grains: a grading has no centres; diameter must be one number")
 
@@ -151,10 +151,9 @@ class Grains:
         key = x.tobytes(), repr(body[1:4])
         if key not in self._known:
             if self.centres is not None:
-                found = place(*body, self.centres, np.full(len(self.centres), self.diameters[0]))
+                self._known[key] = place(*body, self.centres, np.full(len(self.centres), self.diameters[0]))
             else:
-                found = pack(*body, self.diameters, self.volume_fraction * self.grading[:, 1], self.seed)
-            self._known[key] = found
+                self._known[key] = pack(*body, self.diameters, self.volume_fraction * self.grading[:, 1], self.seed)
         return self._known[key]
 
     def facts(self, placed: tuple, d: int) -> dict:

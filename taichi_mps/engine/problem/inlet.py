@@ -70,14 +70,14 @@ class Inlet:
 
     def __post_init__(self):
         d = len(self.centre)
-        sound = len(self.direction) == d and np.any(self.direction)
-        require(sound, f"inlet: direction = {self.direction}: must have {d} numbers, as centre has, not all zero")
+        require(
+            len(self.direction) == d and np.any(self.direction),
+            f"inlet: direction = {self.direction}: must have {d} numbers, as centre has, not all zero",
+        )
         require(d == 3 or self.height is None, f"inlet: height = {self.height} m: must be left out in 2-D")
-        if self.path is not None:
-            path = self.path
-            sound = path.shape[1] == 1 + d and len(path) >= 2 and np.all(np.diff(path[:, 0]) > 0.0)
+        if (path := self.path) is not None:
             require(
-                sound,
+                path.shape[1] == 1 + d and len(path) >= 2 and np.all(np.diff(path[:, 0]) > 0.0),
                 f"inlet: path of shape {path.shape}: must be two rows or more of a time [s], which grows, and {d} "
                 "displacements [m]",
             )
@@ -137,15 +137,17 @@ class Inlet:
         SceneError
             If the mouth is narrower than three spacings or wider than 2000.
         """
-        radius, height = f"inlet: radius = {self.radius:g} m", f"inlet: height = {self.height} m"
+        radius = f"inlet: radius = {self.radius:g} m"
         least = spacing * (1.0 - 1e-9)
         require(self.radius >= 1.5 * least, f"{radius}: must be at least 1.5 times spacing = {spacing:g} m")
         most = MAX_RADIUS_IN_SPACINGS * spacing
         require(
             self.radius <= most, f"{radius}: must be at most {MAX_RADIUS_IN_SPACINGS} times spacing = {spacing:g} m"
         )
-        across_its_height = self.height is None or least <= self.height <= most
-        require(across_its_height, f"{height}: must be 1 to {MAX_RADIUS_IN_SPACINGS} times spacing = {spacing:g} m")
+        require(
+            self.height is None or least <= self.height <= most,
+            f"inlet: height = {self.height} m: must be 1 to {MAX_RADIUS_IN_SPACINGS} times spacing = {spacing:g} m",
+        )
         *across, along = self.frame
         count = int(np.ceil(self.radius / spacing))
         ticks = [spacing * (np.arange(-count, count) + 0.5)] * len(across)

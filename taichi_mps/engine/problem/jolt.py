@@ -52,13 +52,14 @@ class Jolt:
 
     def __post_init__(self):
         d = len(self.velocity)
-        sizes = {"pivot": self.pivot, "axis": self.axis}
         require(d == 3 or self.axis is None, f"jolt: axis = {self.axis}: must be left out in two dimensions")
-        for key, value in sizes.items():
+        for key, value in {"pivot": self.pivot, "axis": self.axis}.items():
             require(value is None or len(value) == d, f"jolt: {key} = {value}: must have {d} numbers, as velocity has")
         has_axis = d == 2 or (self.axis is not None and np.any(self.axis))
-        turning = f"jolt: angular_velocity = {self.angular_velocity:g} rad/s"
-        require(has_axis or not self.angular_velocity, f"{turning}: needs an axis in three dimensions")
+        require(
+            has_axis or not self.angular_velocity,
+            f"jolt: angular_velocity = {self.angular_velocity:g} rad/s: needs an axis in three dimensions",
+        )
 
     @property
     def spin(self) -> np.ndarray:

@@ -78,15 +78,15 @@ class Snapshot:
     loads: dict[str, Load] = field(default_factory=dict)
 
     def __post_init__(self):
-        for name in ("u", "p", "shear_rate", "yielded", "density_ratio", "size", "mix", "grain"):
+        for name in ("u", *SCALARS):
             value = getattr(self, name)
-            fits = value is None or np.shape(value)[:1] == np.shape(self.x)[:1]
-            require(fits, f"{name} of shape {np.shape(value)}: must have {len(self.x)} rows, as x has")
-        if self.size is None:
-            object.__setattr__(self, "size", np.full(len(self.x), self.spacing))
-        for name in ("mix", "grain"):
+            require(
+                value is None or np.shape(value)[:1] == np.shape(self.x)[:1],
+                f"{name} of shape {np.shape(value)}: must have {len(self.x)} rows, as x has",
+            )
+        for name, usual in (("size", self.spacing), ("mix", np.int32(0)), ("grain", np.int32(0))):
             if getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros(len(self.x), np.int32))
+                object.__setattr__(self, name, np.full(len(self.x), usual))
 
     @property
     def speed(self) -> np.ndarray:
@@ -266,8 +266,10 @@ def reflected(vectors: points(""), normal: vector(""), point: vector("m") | None
     [[-0.25, 0.5]]
     """
     for key, value in {"normal": normal, "point": point}.items():
-        fits = value is None or len(value) == vectors.shape[1]
-        require(fits, f"{key} = {value}: must have {vectors.shape[1]} numbers, as vectors have")
+        require(
+            value is None or len(value) == vectors.shape[1],
+            f"{key} = {value}: must have {vectors.shape[1]} numbers, as vectors have",
+        )
     return vectors - 2.0 * np.outer((vectors - (0.0 if point is None else point)) @ normal, normal)
 
 
@@ -425,8 +427,10 @@ def over(s: InstanceOf[Snapshot], low: HorizontalPoint, high: HorizontalPoint) -
     require_axes(s, low=low, high=high)
     with np.errstate(over="ignore"):
         places = float(np.prod(np.maximum(1.0, np.subtract(high, low) / (0.4 * s.spacing))))
-    allowed = f"from low = {low} to high = {high} m: must be above each other and hold at most {MAX_POINTS:.2g} places"
-    require(np.all(np.less_equal(low, high)) and places <= MAX_POINTS, allowed)
+    require(
+        np.all(np.less_equal(low, high)) and places <= MAX_POINTS,
+        f"from low = {low} to high = {high} m: must be above each other and hold at most {MAX_POINTS:.2g} places",
+    )
     ticks = [np.arange(a, b + 1e-12, 0.4 * s.spacing) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*ticks), -1).reshape(-1, len(ticks))
     return points, surface(s, points)
@@ -669,8 +673,10 @@ def depth(
     0.1
     """
     where = np.asarray(where)
-    mask = where.dtype == bool and where.shape == (len(s.x),)
-    require(mask, f"where = {quote(where, '')}: must be True or False for each of {len(s.x)} particles")
+    require(
+        where.dtype == bool and where.shape == (len(s.x),),
+        f"where = {quote(where, '')}: must be True or False for each of {len(s.x)} particles",
+    )
     return float((s.size[where] ** s.x.shape[1]).sum() / area)
 
 
@@ -700,8 +706,10 @@ def by_height(s: InstanceOf[Snapshot], values: Values, edges: array("m", (None,)
     [1.5, 0.5]
     """
     require(len(values) == len(s.x), f"values of shape {values.shape}: must have one number a particle, {len(s.x)}")
-    ascending = len(edges) >= 2 and np.all(np.diff(edges) > 0.0)
-    require(ascending, f"edges = {quote(edges, 'm')}: must be two or more, each above the one before")
+    require(
+        len(edges) >= 2 and np.all(np.diff(edges) > 0.0),
+        f"edges = {quote(edges, 'm')}: must be two or more, each above the one before",
+    )
     low, high = s.x[:, -1, None] - 0.5 * s.size[:, None], s.x[:, -1, None] + 0.5 * s.size[:, None]
     shared = np.maximum(0.0, np.minimum(high, edges[1:]) - np.maximum(low, edges[:-1]))
     return values @ (shared / s.size[:, None])
@@ -746,8 +754,8 @@ def grains(s: InstanceOf[Snapshot], beyond: InstanceOf[Callable] | None = None) 
     _, number = np.unique(s.grain[member], return_inverse=True)
     x, d = s.x[member], s.x.shape[1]
     centres = np.stack([np.bincount(number, column) for column in x.T], -1) / np.bincount(number)[:, None]
-    side = 2.0 * s.spacing
-    column = ((s.x[:, :-1] - s.x[:, :-1].min(0)) / side + 1.0 / 12.0).astype(int)  # no lattice plane on its faces
+    # columns of two spacings, with no lattice plane on their faces
+    column = ((s.x[:, :-1] - s.x[:, :-1].min(0)) / (2.0 * s.spacing) + 1.0 / 12.0).astype(int)
     column = np.ravel_multi_index(column.T, column.max(0) + 1)
     tops = np.full(column.max() + 1, -np.inf)
     np.maximum.at(tops, column, s.x[:, -1] + 0.5 * s.size)
@@ -756,8 +764,12 @@ def grains(s: InstanceOf[Snapshot], beyond: InstanceOf[Callable] | None = None) 
     floor = (s.x[:, -1] - 0.5 * s.size).min()
     heights = (centres[:, -1] - floor) / (tops[column[member][highest]] - floor)
     thirds = np.bincount(np.clip((3.0 * heights).astype(int), 0, 2), minlength=3) / len(centres)
-    found = {"grains_number": float(len(centres))}
-    found |= {f"grains_{third}_ratio": float(thirds[k]) for k, third in ((2, "top"), (1, "middle"), (0, "bottom"))}
+    found = {
+        "grains_number": float(len(centres)),
+        "grains_top_ratio": float(thirds[2]),
+        "grains_middle_ratio": float(thirds[1]),
+        "grains_bottom_ratio": float(thirds[0]),
+    }
     if beyond:
         mortar = s.size**d * ~member
         found["grains_passed_number"] = float(np.count_nonzero(beyond(centres)))

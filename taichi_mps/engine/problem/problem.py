@@ -212,16 +212,16 @@ class Problem:
         dict
             Scene, parameters, materials, scheme and numerics, JSON-ready.
         """
-        facts = {
-            "scene": self.scene.name,
-            "parameters": dict(self.scene.parameters),
-            "materials": [material.facts() for material in self.scene.materials],
+        scene = self.scene
+        return {
+            "scene": scene.name,
+            "parameters": dict(scene.parameters),
+            "materials": [material.facts() for material in scene.materials],
             "scheme": self.scheme,
             "numerics": self.numerics.model_dump(),
+            **({"grains": scene.grains.facts(scene.grain_places, scene.dimension)} if scene.grains else {}),
+            **({"thin_solids_m": self.thin_solids} if self.thin_solids else {}),
         }
-        if grains := self.scene.grains:
-            facts["grains"] = grains.facts(self.scene.grain_places, self.scene.dimension)
-        return facts | ({"thin_solids_m": self.thin_solids} if self.thin_solids else {})
 
     def may_be_full(self, to_come: int = 0) -> bool:
         """Return whether the fluid may fill a closed vessel, so that it has no free surface.

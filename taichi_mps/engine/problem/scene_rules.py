@@ -32,8 +32,10 @@ def complete_fields(scene) -> dict:
     periodic = (False,) * d if scene.periodic is None else tuple(scene.periodic)
     require(len(periodic) == d, f"periodic = {scene.periodic}: must have one word for each of {d} axes")
     low, high = np.array(scene.domain, float)
-    wrong = f"domain = {scene.domain} m: must have {d} coordinates, the second corner above the first along each axis"
-    require(len(low) == d and np.all(low < high), wrong)
+    require(
+        len(low) == d and np.all(low < high),
+        f"domain = {scene.domain} m: must have {d} coordinates, the second corner above the first along each axis",
+    )
     for key, rows in (("velocity", len(fluid)), ("wall_particles", None)):
         value = getattr(scene, key)
         wanted = (len(value) if rows is None else rows, d) if value is not None else ()
@@ -77,8 +79,10 @@ def inlets_have_room(scene):
                 f"inlet: the mirror plane with normal = {mirror.normal} cuts the hose; its axis must lie in the plane, "
                 "or it must be clear of it",
             )
-            along = np.abs(turns @ np.array(mirror.normal)).max() <= 1e-9
-            require(along, f"inlet: path: crosses {mirror_text(mirror)}; must lie along it")
+            require(
+                np.abs(turns @ np.array(mirror.normal)).max() <= 1e-9,
+                f"inlet: path: crosses {mirror_text(mirror)}; must lie along it",
+            )
         layer = scene.inlet_layer(inlet)
         require(len(layer) > 0, f"{centre}: lies behind a mirror plane; must be in front of it")
         places = (turns[:, None] + layer).reshape(-1, scene.dimension)
@@ -100,8 +104,10 @@ def mixes_go_together(scene):
         not (None in knees and any(knees)),
         "inlet: critical_strain_rate: must be given for all mixes or for none; some have a true yield stress",
     )
-    has_friction = any(wall.friction for wall in scene.walls)
-    require(count == 1 or not has_friction, "inlet: material: must be that of the scene where a wall has friction")
+    require(
+        count == 1 or not any(wall.friction for wall in scene.walls),
+        "inlet: material: must be that of the scene where a wall has friction",
+    )
 
 
 def body_lies_in_the_domain(scene):
@@ -121,10 +127,9 @@ def bodies_are_apart(scene):
     crowd = counts > CROWD * room
     if (counts[crowd] - CROWD * room).sum() > EXCESS * len(scene.initial):
         low, high = point(cells[crowd].min(0)), point(cells[crowd].max(0) + CELL * scene.spacing)
-        lost = (counts[crowd] - room).sum()
         raise SceneError(
-            f"fluid: about {lost} of {len(scene.initial)} particles have no room, from {low} to {high} m: bodies "
-            "overlap; all must be apart"
+            f"fluid: about {(counts[crowd] - room).sum()} of {len(scene.initial)} particles have no room, from {low} "
+            f"to {high} m: bodies overlap; all must be apart"
         )
 
 

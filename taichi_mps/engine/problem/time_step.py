@@ -47,15 +47,17 @@ class TimeStep:
     def __init__(self, problem):
         scene, materials, numerics = problem.scene.expected, problem.scene.materials, problem.numerics
         height, gravity, speed, spacing = problem.height, problem.gravity, problem.speed, scene.spacing
-        yields, self.limit = all(m.yields for m in materials), numerics.max_time_step or math.inf  # of any step [s]
+        self.yields = all(m.yields for m in materials)  # whether a decaying flow takes longer steps
+        self.limit = numerics.max_time_step or math.inf  # of any step [s]
         longest, slow = (
             min(longest_step(m.typical_slope / m.density, gravity, height, spacing, times) for m in materials)
             for times in (1.0, LONG)
         )
-        self.falls = yields and slow > longest  # whether a yielding fluid falls faster than its viscosity lets it flow
+        self.falls = (
+            self.yields and slow > longest
+        )  # whether a yielding fluid falls faster than its viscosity lets it flow
         self.longest = min(longest, self.limit)
         self.slow_step = min(slow if self.falls else longest, self.limit)
-        self.yields = yields  # whether a decaying flow takes longer steps
         # T [s], in which viscosity, the largest of the mixes, carries a motion through the body
         self.viscous_time = min(m.density / m.typical_slope for m in materials) * height**2
         # limits of a slowly varying flow and of one at rest: change of the velocity times the step [m], velocity [m/s]

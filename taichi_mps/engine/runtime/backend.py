@@ -129,8 +129,12 @@ def init(
     if ti.lang.impl.current_cfg().arch != architectures[arch]:  # Taichi silently falls back to the processor
         _session = None
         raise SceneError(f"arch = {arch}: no such device is found here; must be one that this machine has, such as cpu")
-    settings = {"arch": arch, "precision": precision, "threads": threads}
-    _session = Session(settings, os.getpid(), threading.get_ident(), weakref.ref(ti.lang.impl.get_runtime()))
+    _session = Session(
+        {"arch": arch, "precision": precision, "threads": threads},
+        os.getpid(),
+        threading.get_ident(),
+        weakref.ref(ti.lang.impl.get_runtime()),
+    )
 
 
 def compiled_before() -> bool:
@@ -274,10 +278,8 @@ def constant_fields(*tables, vectors: bool = False) -> list:
     fields = []
     for table in tables:
         kind = ti.i8 if table.dtype == np.int8 else ti.i32 if table.dtype.kind == "i" else real()
-        if vectors:
-            fields.append(ti.Vector.field(table.shape[-1], kind, table.shape[:-1]))
-        else:
-            fields.append(ti.field(kind, table.shape))
+        shape = table.shape
+        fields.append(ti.Vector.field(shape[-1], kind, shape[:-1]) if vectors else ti.field(kind, shape))
     for field, table in zip(fields, tables, strict=True):
         field.from_numpy(np.ascontiguousarray(table, ti.lang.util.to_numpy_type(field.dtype)))
     return fields

@@ -30,8 +30,9 @@ def set_cache_folders(language: str) -> None:
     folder = tempfile.mkdtemp(prefix="taichi_mps-")
     atexit.register(remove, folder, language)
     os.environ[KERNELS[language]] = os.path.join(folder, "kernels")
-    unwritable = plain(chosen or home)
-    warnings.warn(f"{unwritable} cannot be written, so compiled kernels are not kept for the next run", stacklevel=2)
+    warnings.warn(
+        f"{plain(chosen or home)} cannot be written, so compiled kernels are not kept for the next run", stacklevel=2
+    )
 
 
 def kernels(language: str) -> Path:

@@ -283,8 +283,13 @@ class ImplicitScheme(Scheme):
 
     def state(self) -> dict:
         """Scalars the scheme carries from step to step."""
-        own = {"first": self.first, "unmet": self.unmet, "full": self.pressure.full[None]}
-        return own | self.active_set.state() | self.contacts.state()
+        return {
+            "first": self.first,
+            "unmet": self.unmet,
+            "full": self.pressure.full[None],
+            **self.active_set.state(),
+            **self.contacts.state(),
+        }
 
     def load(self, state: dict) -> None:
         """Load the scalars of a saved state."""
@@ -322,6 +327,10 @@ def may_stand(problem, particles, walls) -> bool:
         or (problem.numerics.sleep == "auto" and particles.capacity < ONE_THREAD_BELOW_ROWS)
     ):
         return False
-    loose = any(wall.unilateral for wall in walls.surfaces)
-    stands = problem.law == "yield-stress" and problem.rests and not particles.has_walls and not particles.axisymmetric
-    return stands and not loose
+    return (
+        problem.law == "yield-stress"
+        and problem.rests
+        and not particles.has_walls
+        and not particles.axisymmetric
+        and not any(wall.unilateral for wall in walls.surfaces)
+    )

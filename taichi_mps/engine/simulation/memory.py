@@ -75,5 +75,8 @@ def require_memory(problem: Problem, pairs: float, precision: str | None = None)
         )
         return "" if at is None else f"; spacing must be at least {math.ceil(1e5 * spacing * at) / 1e5:g} m"
 
-    what = f"spacing = {spacing:g} m: its {particles_of(problem):.6g} particles take"
-    require_available(memory_of(problem, pairs, precision), what, smallest)
+    require_available(
+        memory_of(problem, pairs, precision),
+        f"spacing = {spacing:g} m: its {particles_of(problem):.6g} particles take",
+        smallest,
+    )

@@ -54,8 +54,7 @@ class Pouring:
         done = self.done
         if self.due(time):
             _, slot = self.scene.entering(self.inlet, self.entered)
-            x = self.enter(time, particles.x.to_numpy()[: particles.number])
-            if x is not None:
+            if (x := self.enter(time, particles.x.to_numpy()[: particles.number])) is not None:
                 u = np.broadcast_to(self.inlet.velocity(self.spacing, time), x.shape)
                 particles.append(x, u, mix=self.mix, structure=self.structure, slot=slot)
                 rigid.enter(slot, x, u)

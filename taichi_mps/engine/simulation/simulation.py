@@ -227,8 +227,7 @@ class Simulation:
 
     def _require_sound(self):
         """Raise DivergedError where the numbers mean nothing any more."""
-        failure = self.scheme.diagnostics.failure(self.report, self.problem.runaway_speed, self._volume)
-        if failure:
+        if failure := self.scheme.diagnostics.failure(self.report, self.problem.runaway_speed, self._volume):
             self._diverge(f"{failure}; {self.scheme.REMEDY}")
         for law in self._own_laws:
             if failure := law.failure(self.particles):

@@ -51,9 +51,8 @@ def loads(scene, rows, order) -> dict[str, Load]:
     found = {}
     for k, (name, number) in enumerate(scene.measured_walls.items()):
         wall = scene.walls[number]
-        axis = None  # about which it may turn
-        if not isinstance(wall, Plane):
-            axis = np.ones(1) if scene.dimension == 2 else wall.unit_axis
+        # about which it may turn
+        axis = None if isinstance(wall, Plane) else np.ones(1) if scene.dimension == 2 else wall.unit_axis
         found[name] = Load(
             np.array(getattr(wall, "centre", wall.point), float),
             rows[f"force_{k}"][order],

@@ -81,7 +81,6 @@ class Constants:
         vars(self).update(zip((*MIX_FIELDS, *SCENE_FIELDS), self.of_mix + self.of_scene, strict=True))
         scene, grains = problem.scene, problem.scene.grains
         self.grain_density, self.held_density = grains.density if grains else 0.0, problem.held_density  # [kg/m3]
-        curved = [(k, m) for k, m in enumerate(scene.materials) if m.curved and m.from_fields]
         self.full = ti.field(ti.i32, ())  # 1 in a closed box without a free surface
         changing = bool(scene.gravity_in_time or scene.jolts)
         # along a periodic axis nothing holds a weight
@@ -89,7 +88,11 @@ class Constants:
         self.walls_may_bear_weight = may_be_full and not unsupported  # of all of the fluid
         self.middle = scene.expected.fluid.mean(0).tolist()  # of the fluid [m]
         # by the number of a mix: numbers that its compiled flow curve reads
-        self.laws = {k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=()) for k, m in curved}
+        self.laws = {
+            k: ti.Struct.field(dict.fromkeys(m.from_fields, real()), shape=())
+            for k, m in enumerate(scene.materials)
+            if m.curved and m.from_fields
+        }
         self.of_scene += [law.get_member_field(name) for law in self.laws.values() for name in law.keys]
         self.set_problem(problem)
 
@@ -109,20 +112,22 @@ class Constants:
         min_bond_rate = MIN_BOND_RATE * (head / height / scene.spacing) ** 0.5
         if not scene.gravity_vector.any():
             min_bond_rate = max(min_bond_rate, MIN_BOND_STRAIN / step)
-        frictions = [m.friction_coefficient for m in materials]
         # parts of mu_r of each mix, and of K [Pa s]; the latter and the plastic ones grow with the step
         self.viscous = [
             max(PENALTY[0] * m.typical_slope, PENALTY[2] * (m.typical_slope * inertia) ** 0.5) for m in materials
         ]
-        heaviest = [f * m.density * gravity * height for f, m in zip(frictions, materials, strict=True)]  # yield stress
-        self.plastic = [PENALTY[1] * (m.yield_value + most) * step for m, most in zip(materials, heaviest, strict=True)]
+        # of the largest yield stress, under the full height
+        self.plastic = [
+            PENALTY[1] * (m.yield_value + m.friction_coefficient * m.density * gravity * height) * step
+            for m in materials
+        ]
         self.stiff = STIFFNESS * density * head * min(step, rule.longest)
         self.values = {
             "density": [m.density for m in materials],
             "eta": [m.typical_slope for m in materials],
             "tau_y": [m.yield_value for m in materials],
             "pi_c": [m.critical_strain_rate or 0.0 for m in materials],
-            "friction": frictions,
+            "friction": [m.friction_coefficient for m in materials],
             "inertial_viscosity": [INERTIAL * m.density * scene.spacing**2 / step for m in materials],
             "layer_pressure": 0.5 * density * gravity * scene.spacing,
             "min_bond_rate": min_bond_rate,

@@ -14,8 +14,7 @@ def free_directions(scene, walls: str) -> np.ndarray:
     walls, if each is a plane with slip. Zero with any other wall, with walls that are "particles", with an inlet, and
     of rings, whose radius is no direction."""
     d = scene.dimension
-    particles = walls == "particles" and scene.wall_particles is not None
-    held = particles or scene.inlets or scene.axisymmetric
+    held = (walls == "particles" and scene.wall_particles is not None) or scene.inlets or scene.axisymmetric
     if held or not all(isinstance(wall, Plane) and wall.slip for wall in scene.walls):
         return np.zeros((d, d))
     normals = np.array([wall.normal for wall in scene.walls]).reshape(-1, d)

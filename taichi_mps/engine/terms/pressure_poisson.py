@@ -42,8 +42,7 @@ class PressurePoisson(Term):
     def __init__(self, fluid, density: float, literal: bool):
         super().__init__(fluid, density=density, literal=literal, n0=fluid.lattice.n0)
         self.scale = fluid.lattice.lam * self.n0 / (2.0 * self.dimension)  # of the Laplacian, eq 12 [m2]
-        rows = self.neighbors.row_start, self.neighbors.column, self.particles.count
-        self.matrix = SparseMatrix(self.capacity, *rows)
+        self.matrix = SparseMatrix(self.capacity, self.neighbors.row_start, self.neighbors.column, self.particles.count)
         self.solver = PCG(self.capacity, 1, self.matrix)
 
     def solve(self, dt: float, tolerance: float) -> None:

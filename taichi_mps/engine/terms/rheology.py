@@ -177,8 +177,7 @@ class OwnLaw:
                 f"({type(error).__name__}: {lines[-1].strip()}); must be plain arithmetic of (rate, structure)"
             ) from None
         broken = self._broken(RATES, np.zeros_like(RATES), stress, rise)
-        for structure in (0.0, 1.0):
-            broken = broken or self._difference(structure)
+        broken = broken or self._difference(0.0) or self._difference(1.0)
         falls = np.flatnonzero(np.diff(stress) < -FALL * stress.max()) if not broken else []
         if len(falls):
             rates, stresses = (f"{a[falls[0]]:.3g} to {a[falls[0] + 1]:.3g}" for a in (RATES, stress))
@@ -210,8 +209,7 @@ class OwnLaw:
     def failure(self, particles) -> str | None:
         """Value of the law that is no valid stress, at rest or at the rate of a fluid particle, after a step."""
         if self._rows is None:
-            read = {name: particles.carried[name] for name in READ if name in particles.carried}
-            self._rows = FieldIO(read, particles.capacity)
+            self._rows = FieldIO({name: f for name, f in particles.carried.items() if name in READ}, particles.capacity)
         rows = self._rows.read(particles.count[None])
         fluid = (rows["kind"] == FLUID) & (rows.get("mix", self.mix) == self.mix)
         rate, structure = rows["shear_rate"][fluid], rows.get("structure", np.zeros(len(fluid)))[fluid]
@@ -230,9 +228,11 @@ class OwnLaw:
             apart = np.flatnonzero(~(np.abs(values - exact) <= most) & (known | (structure == 0.0)))
             if len(apart):
                 k = apart[(np.abs(values - exact) / (most + 1e-300))[apart].argmax()]
-                at = f"at a shear rate of {RATES[k]:.3g} 1/s and a structure of {structure:g}"
-                both = f"is {values[k]:.4g} {unit} compiled and {exact[k]:.4g} {unit} in Python"
-                return f"{name}: {both}, {at}; must be the same (x = 0 makes an integer, which stays one: x = 0.0)"
+                return (
+                    f"{name}: is {values[k]:.4g} {unit} compiled and {exact[k]:.4g} {unit} in Python, at a shear rate "
+                    f"of {RATES[k]:.3g} 1/s and a structure of {structure:g}; must be the same (x = 0 makes an "
+                    "integer, which stays one: x = 0.0)"
+                )
         return None
 
     def _broken(self, rate, structure, stress, growth) -> str | None:

@@ -61,8 +61,15 @@ class Rigid(Term):
         # c and s of each particle [-]
         self.mortar_fraction, self.stress_ratio = (ti.field(real(), self.capacity) for _ in range(2))
         self.masked = ti.field(ti.i32, self.capacity)  # 1 of a particle of a grain that sees no mortar
-        fields = {"centre": self.centre, "velocity": self.velocity, "spin": self.spin, "turn": self.rotation}
-        self.motions = FieldIO({f"grain_{name}": field for name, field in fields.items()}, self.count)
+        self.motions = FieldIO(
+            {
+                "grain_centre": self.centre,
+                "grain_velocity": self.velocity,
+                "grain_spin": self.spin,
+                "grain_turn": self.rotation,
+            },
+            self.count,
+        )
         self._place(problem.scene)
 
     def _place(self, scene) -> None:
@@ -112,8 +119,9 @@ class Rigid(Term):
             (self.extra, extra),
         ):
             field.from_numpy(values)
-        state = {"grain_centre": middle, "grain_turn": turn, "grain_velocity": velocity, "grain_spin": spin}
-        self.motions.load(state, self.count)
+        self.motions.load(
+            {"grain_centre": middle, "grain_turn": turn, "grain_velocity": velocity, "grain_spin": spin}, self.count
+        )
         self.find_present(start["slot"])
         entered = slice(len(scene.fluid), None)
         self.enter(start["slot"][entered], start["x"][entered], start["u"][entered])

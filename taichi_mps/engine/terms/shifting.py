@@ -166,8 +166,7 @@ def is_uneven(fluid) -> bool:
     particles = fluid.particles.read()
     x, kind = particles["x"], particles["kind"]
     rows = np.unique(np.linspace(0, count - 1, min(count, SAMPLE_SIZE)).astype(int))
-    inside = starts[rows + 1] - starts[rows] >= 0.9 * fluid.lattice.neighbours
-    rows = rows[inside & (kind[rows] == FLUID)]
+    rows = rows[(starts[rows + 1] - starts[rows] >= 0.9 * fluid.lattice.neighbours) & (kind[rows] == FLUID)]
     if len(rows) == 0:
         return False
     lengths = starts[rows + 1] - starts[rows]

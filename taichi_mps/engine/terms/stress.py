@@ -50,9 +50,8 @@ class Stress(Term):
         materials = list(enumerate(problem.scene.materials))
         self.has_friction = any(material.friction_coefficient > 0.0 for _, material in materials)
         # (number of the mix, function) of what has a compiled flow curve, and of what is thixotropic
-        numbers = constants.laws
-        self.curves = [(k, compiled(law.shear_stress, numbers.get(k))) for k, law in materials if law.curved]
-        self.growths = [(k, compiled(law.growth, numbers.get(k))) for k, law in materials if law.ages]
+        self.curves = [(k, compiled(law.shear_stress, constants.laws.get(k))) for k, law in materials if law.curved]
+        self.growths = [(k, compiled(law.growth, constants.laws.get(k))) for k, law in materials if law.ages]
         self.has_curve, self.has_growth = bool(self.curves), bool(self.growths)
         self.mu = ti.field(real(), self.capacity)  # viscosity of the implicit part of the stress [Pa s]
         self.yielded = ti.field(ti.i32, self.capacity)  # 1 where the material flows
@@ -63,8 +62,7 @@ class Stress(Term):
         self.variation = ti.field(real(), self.capacity) if self.averages else None
         self.fluidity = None  # shear rate over stress by the mix of each particle [1/(Pa s)], where there are several
         if self.mixes > 1:
-            carried = self.law == "yield-stress"
-            self.fluidity = self.particles.fluidity if carried else ti.field(real(), self.capacity)
+            self.fluidity = self.particles.fluidity if self.law == "yield-stress" else ti.field(real(), self.capacity)
 
     @stage("prepare")
     def set_viscosity(self):

@@ -78,9 +78,8 @@ class WallLoads(Term):
         d, capacity, axes = self.dimension, self.capacity, 1 if self.dimension == 2 else 3
         self.forces = [ti.Vector.field(d, real(), capacity) for _ in measured]  # [N]
         self.torques = [ti.Vector.field(axes, real(), capacity) for _ in measured]  # [N m]
-        fields = {f"force_{k}": field for k, field in enumerate(self.forces)}
-        fields |= {f"torque_{k}": field for k, field in enumerate(self.torques)}
-        self.fields = FieldIO(fields, capacity)
+        forces = {f"force_{k}": field for k, field in enumerate(self.forces)}
+        self.fields = FieldIO(forces | {f"torque_{k}": field for k, field in enumerate(self.torques)}, capacity)
 
     def read(self, count: int) -> dict:
         """``force_k`` (count, d) and ``torque_k`` (count, 1 or 3) of the first rows, k counts ``measured``; nan where
