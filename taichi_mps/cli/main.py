@@ -154,7 +154,7 @@ def resume(arguments) -> int:
         print(f"taichi-mps: {remark}", file=sys.stderr)
     kept, passed = state.header["settings"], state.header["time"]
     changed, remedy = given(arguments, Run, leave_out=KEPT_OPTIONS), given(arguments, Remedy)
-    options = Run(**{key: value for key, value in kept.items() if key not in (*GONE, CASE)} | changed)
+    options = Run(**{key: value for key, value in kept.items() if key != CASE} | changed)
     state.header["numerics"].update(remedy)
     if arguments.until and options.until < passed - INSTANT:
         raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")

@@ -98,9 +98,8 @@ def carry_out(sim, folder, options, source, as_json, clock, drawing, resumed=Non
             folder.create(options.overwrite)
         else:
             keep_edited(folder.case, resumed.get(CASE))
-            # what would end where that run ended; the last two are of version 0.2
-            for name in ("report.html", "animation.gif", "slump.png", "history.png"):
-                (folder.path / name).unlink(missing_ok=True)
+            for path in (folder.report, folder.animation):  # which would end where that run ended
+                path.unlink(missing_ok=True)
         write_whole(folder.case, case)
         settings |= {CASE: crc32(folder.case.read_bytes())}
         recorder = Recorder(folder, sim, clock.every, source, settings, drawing.submit)

@@ -232,8 +232,10 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
         scene_file is not None or source in names(),
         f"scene = {source}: is code of yours, and run only if you name it again: --scene {source}",
     )
-    if parameters.get("consistency") is not None and "plastic_viscosity" in parameters:
-        parameters = parameters | {"plastic_viscosity": None}  # had no effect before 0.3
+    require(
+        scene_file is not None or None in map(parameters.get, ("consistency", "plastic_viscosity")),
+        f"scene = {source}: of version 0.2; version 0.3.0 reads it",
+    )
     name = source if scene_file is None else scene_file
     unused = load(name).parameters.without_effect(parameters)  # keywords that an earlier version took
     return build(name, **{key: value for key, value in parameters.items() if key not in unused})

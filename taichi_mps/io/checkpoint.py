@@ -23,7 +23,6 @@ from ..engine import NUMERICS, Problem, Scene
 from ..input import catalogue
 from ..units import File, SceneError, quote, regular_file, require, unit_of, user_path, validated, writing
 from . import untrusted_hdf5 as untrusted
-from .history import NAMES_OF_0_2
 
 if TYPE_CHECKING:
     from .notebook import Simulation
@@ -39,10 +38,7 @@ SAMPLED_FROM = 1_000_000  # numbers of an array from which on its digest is made
 PARTICLE_ATTRIBUTES = "spacing", "fluid", "domain", "wall_particles", "inlets"
 LAW_ATTRIBUTES = "materials", "gravity_vector", "walls"
 FORMER_NAMES = {"typical_slope": "plastic_viscosity"}  # names of numbers of a law in digests
-FORMS_OF_0_2 = {  # source and gradient of the scheme semi-implicit, by ``literal``
-    True: {"source": "density", "gradient": "literal"},
-    False: {"source": "mixed", "gradient": "smallest"},
-}
+KEYS_OF_0_2 = {"viscous_iterations", "source"}  # of a step report, of the numerics of semi-implicit
 HEADER = {
     **dict.fromkeys(("source", "scheme", "fluid", "problem"), str),
     **dict.fromkeys(("parameters", "numerics", "settings"), dict),
@@ -183,7 +179,6 @@ class Checkpoint:
         if source != name and {source, name} <= set(builtin):
             return f"scene = {name}, there {source}"
         free = {"until"} | {key for key in ("critical_strain_rate",) if parameters.get(key) == "rational"}
-        free |= {"plastic_viscosity"} if parameters.get("consistency") is not None else set()
         keys = sorted(key for key in own.keys() & parameters.keys() - free if own[key] != parameters[key])
         fields = catalogue.load(name).parameters.model_fields if keys and name in builtin else {}
         units = {key: unit_of(fields[key]).strip("-") if key in fields else "" for key in keys}
@@ -211,11 +206,7 @@ class Checkpoint:
             self.header["fluid"] == digest(scene, PARTICLE_ATTRIBUTES),
             f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with",
         )
-        numerics = dict(self.header["numerics"])
-        form = {key: numerics.pop(key) for key in ("source", "gradient") if key in numerics}
-        only = "checkpoint: has a source and a gradient of the pressure that only version 0.2.0 mixes"
-        require(form in ({}, FORMS_OF_0_2[bool(numerics.get("literal"))]), f"{only}; must be of one form")
-        problem = Problem(scene, NUMERICS[self.header["scheme"]](**numerics))
+        problem = Problem(scene, NUMERICS[self.header["scheme"]](**self.header["numerics"]))
         for key, value in self.state.items():
             require(
                 not isinstance(value, np.ndarray) or np.all(np.isfinite(value)),
@@ -455,8 +446,8 @@ def read(path) -> Checkpoint:
                 raise ValueError(f"{key} is wrong")
         if header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
             raise ValueError("scheme or state is wrong")
-        if isinstance(scalars["report"], dict):
-            scalars["report"] = {NAMES_OF_0_2.get(name, name): value for name, value in scalars["report"].items()}
+        older = KEYS_OF_0_2 & {*header["numerics"], *(scalars["report"] or ())}
+        require(not older, f"checkpoint {path}: of version 0.2; version 0.3.0 reads it")
         return Checkpoint(header, {**arrays, **scalars})
 
 

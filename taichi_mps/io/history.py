@@ -33,9 +33,6 @@ MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every 
 # columns that are attributes of the step report by another name
 REPORT_ATTRIBUTES = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
 COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the scene
-# columns and entries of a step report by their names in version 0.2
-NAMES_OF_0_2 = {"viscous_iterations": "outer_iterations", "pressure_iterations": "solver_iterations"}
-RESIDUALS = "strain_rate_residual", "divergence_residual"  # columns that runs of version 0.2 lack
 NOTHING = "nan"  # what an empty cell stands for
 MAX_BYTES = 3e8  # a million rows, in seconds
 
@@ -134,12 +131,12 @@ def read_rows(path) -> list[dict[str, str]]:
     Returns
     -------
     list of dict of str to str
-        Cells by column; those of a file of version 0.2 by the names that columns have now.
+        Cells by column.
 
     Raises
     ------
     SceneError
-        For a file that is damaged or no history.
+        For a file that is damaged, of version 0.2, or no history.
     """
     text = regular_file(str(path), path, MAX_BYTES).read_bytes().decode("utf-8", "replace")
     whole = text.split("\n")[:-1]  # a process killed while it wrote leaves an incomplete row
@@ -147,15 +144,14 @@ def read_rows(path) -> list[dict[str, str]]:
         columns, *rows = list(csv.reader(whole)) or [[]]
     except csv.Error:
         columns, rows = [], []
-    columns = [NAMES_OF_0_2.get(name, name) for name in columns]
-    needed = [name for name in COLUMNS if name not in RESIDUALS]
-    missing = f"{path}: damaged or no history of a run; must have the columns {', '.join(needed)}"
-    require(set(needed) <= set(columns), missing)
+    require("viscous_iterations" not in columns, f"{path}: of version 0.2; version 0.3.0 reads it")
+    require(
+        set(COLUMNS) <= set(columns),
+        f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}",
+    )
     wrong = next((k for k, cells in enumerate(rows, 1) if len(cells) != len(columns)), None)
     require(wrong is None, f"{path}: damaged, row {wrong} has another number of cells than there are columns")
     rows = [dict(zip(columns, cells, strict=True)) for cells in rows]
-    # crc32: last column of version 0.2
-    rows = [{name: cell for name, cell in row.items() if name != "crc32"} for row in rows]
     try:
         _ = [float(cell or NOTHING) for row in rows for cell in row.values()]
     except ValueError as error:
