@@ -166,8 +166,7 @@ def decimal_point(digits: str) -> str:
         whole, mark, part = digits.rpartition(marks[-1])
     if marks == "," and re.fullmatch(r"[1-9]\d{0,2},\d{3}", digits):
         raise AmbiguousError(f"is {whole}.{part} or {whole}{part}; must be written without a comma")
-    grouped = re.fullmatch(r"\d*|[1-9]\d{0,2}(?:([.,'_])\d{3})(?:\1\d{3})*", whole)
-    if not grouped or (mark == "," and not part):
+    if not re.fullmatch(r"\d*|[1-9]\d{0,2}(?:([.,'_])\d{3})(?:\1\d{3})*", whole) or (mark == "," and not part):
         raise ValueError("no number")
     return (re.sub(r"\D", "", whole) or "0") + (f".{part}" if part else "")
 

@@ -175,10 +175,9 @@ def verdict(facts: dict) -> str:
     intervals, or why there are none, and what to measure besides."""
     friction = "friction_angle" in facts["mix"]
     if facts["misfit"] > MAX_MISFIT and not friction:
-        alone = facts["alone"].get("yield_value", {}).items()
         statements = [
             f"the {NAMES[name]} alone says {Constant(*it, 0.0, 0.0, 'Pa').value_or_bound()}"
-            for name, it in alone
+            for name, it in facts["alone"].get("yield_value", {}).items()
             if name != RHEOMETER
         ]
         ends = [rounded(facts["yield_value"][end], 2) for end in ("low", "high")]

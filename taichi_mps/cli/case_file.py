@@ -74,7 +74,6 @@ def command_words(path: Path) -> list[str]:
     )
     if source.endswith(".py"):
         source = str(path.parent / user_path(source))
-    function = catalogue.load(source)
     given: dict = {}
     for section, keys in case.items():
         require(section in SECTIONS, f"case = {path}: unknown section '{section}'{suggestion(section, SECTIONS)}")
@@ -82,7 +81,7 @@ def command_words(path: Path) -> list[str]:
         if duplicates := sorted(given.keys() & keys.keys()):
             raise SceneError(f"case = {path}: {duplicates[0]} is given twice")
         given |= keys
-    known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
+    known = keywords(catalogue.load(source), NUMERICS.get(str(given.get("scheme")), Implicit))
     options, words = [], {}
     for word, value in given.items():
         name = word if word in known else KEYS.get(word, word)

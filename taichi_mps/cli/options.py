@@ -102,6 +102,11 @@ def say(text: str, end="\n") -> None:
         raise OutputError(error.errno, error.strerror) from None
 
 
+def notify(text: str) -> None:
+    """Print a notice on one line, beside the result."""
+    print(plain(f"taichi-mps: {text}"), file=sys.stderr, flush=True)
+
+
 def tell(arguments, facts, text) -> int:
     """Print the facts as JSON with ``--json``, else the text; returns DONE."""
     say(json.dumps(strict(facts)) if arguments.json else plain(text))
@@ -187,10 +192,9 @@ class Parser(argparse.ArgumentParser):
     """Parser of argparse with options from pydantic models, which raises a SceneError of one line for bad input."""
 
     def __init__(self, command, what="", **settings):
-        usage = f"taichi-mps {command} {what} [options]" if what else None
         super().__init__(
             f"taichi-mps {command}",
-            usage,
+            f"taichi-mps {command} {what} [options]" if what else None,
             epilog=f"example: taichi-mps {EXAMPLES[command]}" if command in EXAMPLES else None,
             formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112),
             allow_abbrev=False,
@@ -217,16 +221,12 @@ class Parser(argparse.ArgumentParser):
             flags = [option_name(name, model.model_fields), flag]
             range_and_default = " ".join(filter(None, (default(field), allowed(field))))
             text = ", ".join(filter(None, (field.description or keyword_description(name), range_and_default)))
-            settings = {"dest": name, "help": text}
-            if field.annotation is bool:
-                settings |= {
-                    "action": argparse.BooleanOptionalAction if field.default else "store_true",
-                    "default": None,
-                }
-            else:
-                unit = unit_of(field).replace("-", "N").replace(" ", ".")
-                settings["metavar"] = "|".join(([unit] if unit else []) + choices(field)) or "X"
-            self.groups[title or group_of(name, model)].add_argument(*dict.fromkeys(flags), **settings)
+            switch = {"action": argparse.BooleanOptionalAction if field.default else "store_true", "default": None}
+            unit = unit_of(field).replace("-", "N").replace(" ", ".")
+            number = {"metavar": "|".join(filter(None, (unit, *choices(field)))) or "X"}
+            settings = switch if field.annotation is bool else number
+            group = self.groups[title or group_of(name, model)]
+            group.add_argument(*dict.fromkeys(flags), dest=name, help=text, **settings)
 
     def parse(self, argv):
         """Parse a command line; an unknown option is refused with the nearest known one."""
@@ -235,8 +235,7 @@ class Parser(argparse.ArgumentParser):
             flag = word.split("=", 1)[0]
             require(flag.startswith("-"), f"unexpected argument '{word}'")
             require(flag not in RESULTS, f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it")
-            known = set(self._option_string_actions) - {"--help"}
-            raise SceneError(f"unknown option {flag}{suggested(flag, known)}")
+            raise SceneError(f"unknown option {flag}{suggested(flag, self._option_string_actions.keys() - {'--help'})}")
         return arguments
 
 
@@ -322,8 +321,7 @@ def read_back(name: str, values, field) -> None:
     """Print on stderr the values that were read from a list with commas."""
     texts = [quote(value, "") for value in values]
     shown = texts if len(texts) <= MAX_READ_BACK else [*texts[:3], "...", texts[-1]]
-    line = f"taichi-mps: {name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}"
-    print(plain(line.rstrip()), file=sys.stderr)
+    notify(f"{name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}".rstrip())
 
 
 def given(arguments, model, leave_out=()) -> dict:

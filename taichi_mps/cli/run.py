@@ -6,7 +6,6 @@ import json
 import math
 import os
 import signal
-import sys
 import time
 import warnings
 from contextlib import contextmanager
@@ -36,9 +35,9 @@ from ..report.sentences import (
     thin_solids,
 )
 from ..spelling import size
-from ..units import SceneError, plain, require
+from ..units import SceneError, require
 from .case_file import NOT_IN_CASE, case_text
-from .options import DIVERGED, DONE, say
+from .options import DIVERGED, DONE, notify, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
 
 CASE = "case"  # among the settings in a checkpoint: checksum of case.toml as it was written
@@ -49,10 +48,10 @@ def make_clock(problem, options):
     """Make the clock of a run, which started with the program."""
     from ..forecast.clock import Clock
 
-    every = options.every or problem.usual_interval
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     settings = {"precision": options.precision, "threads": options.threads or cores}
-    return Clock(problem, settings, every, program_start[0] if program_start else None, IMPORTED)
+    begun = program_start[0] if program_start else None
+    return Clock(problem, settings, options.every or problem.usual_interval, begun, IMPORTED)
 
 
 def describe_run(problem, clock, verbose=False) -> list[str]:
@@ -76,9 +75,11 @@ def require_slump(scene) -> None:
     """Refuse particles so coarse that nothing of the filled body lies at the axis, where its slump is measured."""
     if scene.measure and len(scene.fluid):
         filled = replace(still(scene.fluid, scene.spacing), time=scene.until)  # what is known of 0 s tells nothing
-        slump = scene.measure(scene.unfold(filled)).get("slump_m", 0.0)
-        why = "nothing of the filled body lies at the axis, where slump_m is measured; must be smaller"
-        require(not math.isnan(slump), f"spacing = {scene.spacing:g} m: {why}")
+        require(
+            not math.isnan(scene.measure(scene.unfold(filled)).get("slump_m", 0.0)),
+            f"spacing = {scene.spacing:g} m: nothing of the filled body lies at the axis, where slump_m is measured; "
+            "must be smaller",
+        )
 
 
 def carry_out(sim, folder, options, source, as_json, clock, drawing, resumed=None) -> int:
@@ -143,7 +144,7 @@ def optional(what: str):
     try:
         yield
     except Exception as error:
-        print(f"taichi-mps: no {what}: {plain(error)}", file=sys.stderr)
+        notify(f"no {what}: {error}")
 
 
 def show_end(summary, folder, quiet, as_json) -> int:
@@ -153,7 +154,7 @@ def show_end(summary, folder, quiet, as_json) -> int:
         say(json.dumps(summary) if as_json else "\n".join(closing(summary, folder.path)))
     if "error" not in summary:
         return DONE
-    print(f"taichi-mps: {plain(summary['error'])}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
+    notify(f"{summary['error']}; resume from {folder.checkpoint}")
     return DIVERGED
 
 
@@ -163,8 +164,7 @@ def keep_edited(file, written: int | None) -> None:
     if file.is_file() and crc32(file.read_bytes()) != written:
         kept = next_free(file.with_name("case.edited.toml"))
         os.replace(file, kept)
-        notice = "has been edited; the run goes on as it began, the file is now"
-        print(plain(f"taichi-mps: case = {file}: {notice} {kept}"), file=sys.stderr)
+        notify(f"case = {file}: has been edited; the run goes on as it began, the file is now {kept}")
 
 
 @contextmanager
@@ -277,7 +277,6 @@ def numerics_table(summary: dict, stages) -> Table:
         shown.add_row(escape(name), escape(value))
     whole = sum(seconds for _, seconds, _ in stages)
     for stage, seconds, calls in sorted(stages, key=lambda entry: -entry[1]):
-        each = seconds / max(calls, 1)
-        once = "an iteration" if stage == "solve" else "a call"
-        shown.add_row(f"stage {stage}", f"{seconds:.2f} s, {seconds / whole:.0%}, {1e3 * each:.3f} ms {once}")
+        each = f"{1e3 * seconds / max(calls, 1):.3f} ms {'an iteration' if stage == 'solve' else 'a call'}"
+        shown.add_row(f"stage {stage}", f"{seconds:.2f} s, {seconds / whole:.0%}, {each}")
     return shown

@@ -27,7 +27,7 @@ from ..study.sweep import ACCURACY, CHOOSES, LOST, cases, sweep, wall_time
 from ..study.tables import measures
 from ..units import Checked, Only, SceneError, plain, quote, require, user_path
 from . import case_file
-from .options import DONE, JSON, Workers, command, given, parse_scene, read_back, tell
+from .options import DONE, JSON, Workers, command, given, notify, parse_scene, read_back, tell
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result, and calibrate --table where no mix did
 NEEDS = "chart needs matplotlib: pip install 'taichi-mps[plots]'"
@@ -110,7 +110,7 @@ def watching(varied, quiet: bool, options, planned, runs=None):
                 else f"{duration_text(whole)} of processor time"
             )
             text = f"{'at most ' if runs else ''}{count - there} runs" + (f", {there} more are there" if there else "")
-            print(f"taichi-mps: {text}: {takes}", file=sys.stderr, flush=True)
+            notify(f"{text}: {takes}")
         for row in (row for row in rows if row["key"] not in reported):
             reported.add(row["key"])
             words = [
@@ -156,7 +156,7 @@ def sweep_command(argv) -> int:
         "chart: needs a parameter that is varied by numbers; must be a list or first:last:number",
     )
     if "accuracy" in planned[0].parameters and not varied.keys() & CHOOSES:
-        print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
+        notify(f"accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}")
     watch = watching(differing, options.quiet or arguments.json, options, planned)
     rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
     if arguments.json or not options.quiet:
@@ -166,7 +166,7 @@ def sweep_command(argv) -> int:
 
         study_chart(rows, differing, folder / "chart.png")
     for line in not_done(rows, differing):
-        print(f"taichi-mps: {plain(line)}", file=sys.stderr)
+        notify(line)
     return DONE if all(row["status"] == "done" for row in rows) else NOT_ALL_DONE
 
 
@@ -303,16 +303,17 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     out = user_path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
     results = {out, out.with_suffix(".png")}
     is_text = len(results) == 2 and out.suffix.lower() in ("", ".csv", ".txt")  # not xlsx
-    writable = is_text and out.parent.is_dir() and os.access(out.parent, os.W_OK)
-    require(writable, f"out = {out}: must be a CSV file in a folder that is there and can be written")
+    require(
+        is_text and out.parent.is_dir() and os.access(out.parent, os.W_OK),
+        f"out = {out}: must be a CSV file in a folder that is there and can be written",
+    )
     require(not measurements, f"{next(iter(measurements), '')}: stands in the table's own columns; must be left out")
     for there in sorted(filter(Path.exists, results)):
         raise SceneError(f"out = {out}: {there.name} is there already; must be a new file, nothing is overwritten")
     rows = measured_mixes.read_list(path)
     if others := measured_mixes.unused(rows):
-        print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)
-    about = duration_text(measured_mixes.SECONDS_PER_MIX * len(rows))
-    print(f"taichi-mps: {len(rows)} mixes: about {about} in all", file=sys.stderr, flush=True)
+        notify(f"table = {path}: {others}")
+    notify(f"{len(rows)} mixes: about {duration_text(measured_mixes.SECONDS_PER_MIX * len(rows))} in all")
 
     found = measured_mixes.calibrate_list(rows, options.study)
     measured_mixes.write(found, out)
@@ -324,7 +325,7 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
         if row["verdict"] == measured_mixes.REFUSED
     ]
     for line in some(refused, out):
-        print(plain(f"taichi-mps: {line}"), file=sys.stderr)
+        notify(line)
     return NOT_ALL_DONE if len(refused) == len(found) else DONE
 
 

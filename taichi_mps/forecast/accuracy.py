@@ -219,9 +219,8 @@ def errors_for_mix(rows: list[ModelErrors], mix: MixNumbers | None) -> tuple[Mod
     mixes of 50 Pa s."""
     if mix is None:
         rows = [row for row in rows if math.isclose(row.viscosity_number, REFERENCE_MIX.viscosity_number, rel_tol=1e-3)]
-        largest = {key: max(getattr(row, key) for row in rows) for key in ("slump", "reach", "volume")}
         return weighted_mean(rows, np.full(len(rows), 1.0 / len(rows)))._replace(
-            **largest
+            **{key: max(getattr(row, key) for row in rows) for key in ("slump", "reach", "volume")}
         ), f"Bingham mixes of 100 to {REFERENCE_MIX}"
     if between := interpolate_in_mixes(rows, mix):
         return between, "mixes beside this one"

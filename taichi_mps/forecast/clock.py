@@ -97,8 +97,7 @@ class Clock:
         self.last_answer = now
         passed, here, expected = now - self.begun, now - self.since, self.expected[self.part]
         left = sum(self.expected[part] for part in PARTS[PARTS.index(self.part) + 1 :])
-        taken = sim.steps - self.first[0]
-        if self.part == "flow" and taken:
+        if self.part == "flow" and sim.steps > self.first[0]:
             done = fraction_done(sim, self.cost, *self.first)
             left += (1.0 - done) * expected * (here / done / expected) ** (done / (done + TRUSTED))
         else:

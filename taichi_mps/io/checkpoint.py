@@ -271,8 +271,10 @@ class Checkpoint:
             found, right = np.shape(self.state.get(key)), (rows, *array.shape[1:])
             require(found == right, f"checkpoint: {key} has the shape {found}; must have {right}")
         kinds = self.state["kind"]
-        valid = np.all(np.isin(kinds, (FLUID, WALL, DUMMY))) and np.any(kinds == FLUID)
-        require(valid, f"checkpoint: kind: must be {FLUID} of fluid, {WALL} or {DUMMY} of walls, and of some {FLUID}")
+        require(
+            np.all(np.isin(kinds, (FLUID, WALL, DUMMY))) and np.any(kinds == FLUID),
+            f"checkpoint: kind: must be {FLUID} of fluid, {WALL} or {DUMMY} of walls, and of some {FLUID}",
+        )
         try:
             sim.load(self.state)
         except (TypeError, KeyError) as error:
@@ -441,11 +443,9 @@ def read(path) -> Checkpoint:
         arrays = {key: untrusted.numbers(state, key) for key in state}
         header = json.loads(untrusted.text(file, "header"))
         scalars = header.pop("scalars")
-        for key, kind in HEADER.items():
-            if not isinstance(header[key], kind):
-                raise ValueError(f"{key} is wrong")
-        if header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
-            raise ValueError("scheme or state is wrong")
+        wrong = [key for key, kind in HEADER.items() if not isinstance(header[key], kind)]
+        if wrong or header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
+            raise ValueError(f"{', '.join(wrong) or 'scheme or state'} is wrong")
         older = KEYS_OF_0_2 & {*header["numerics"], *(scalars["report"] or ())}
         require(not older, f"checkpoint {path}: of version 0.2; version 0.3.0 reads it")
         return Checkpoint(header, {**arrays, **scalars})

@@ -71,8 +71,7 @@ class Recorder:
         """Write a frame into run.h5."""
         if self.sim.steps == self.first_step and not is_output_time(frame.time, self.every):
             return  # a run resumed between two outputs has no output at its start
-        number = self.trajectory.append(frame.snapshot())
-        if number is not None:
+        if self.trajectory.append(frame.snapshot()) is not None:
             self.last_checkpoint = self._checkpoint()
             self.notify()
 

@@ -111,9 +111,7 @@ class Trajectory:
             origin = {"source": source, "parameters": json.dumps(scene.parameters)}
             if scene.grains and scene.grains.centres is None:  # those of a grading are not of the scene's function
                 names = "volume_fraction", "density", "friction", "seed", "shape"
-                grains = {"diameter": scene.grains.grading.tolist()} | {
-                    key: getattr(scene.grains, key) for key in names
-                }
+                grains = {"diameter": scene.grains.grading} | {key: getattr(scene.grains, key) for key in names}
                 origin["grains"] = json.dumps(grains, default=np.ndarray.tolist)
             texts = {name: np.bytes_(text.encode("utf-8", "surrogateescape")) for name, text in origin.items()}
             own.attrs.update(texts, dimension=s.x.shape[1], every=every)  # of fixed length, which HDF5 checks, too
@@ -348,8 +346,7 @@ class Trajectory:
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
             low, high = np.array(scene.domain, float)
             room = high - low  # a particle leaves the domain by less than that before the run ends
-            defaults = {"size": np.full(n, scene.spacing), "mix": np.zeros(n, np.int32)}
-            defaults["grain"] = defaults["mix"]
+            defaults = {"size": np.full(n, scene.spacing), **dict.fromkeys(("mix", "grain"), np.zeros(n, np.int32))}
             for time, points, data in stored_outputs(file, chosen):
                 data = defaults | data
                 if points.shape != (n, 3) or any(

@@ -68,8 +68,7 @@ def write(
     texts = page_texts(run, shown) | dict(zip(("charts", "viewer", "film", "page"), scripts, strict=True))
     data = json.dumps(drawings(run, shown, last), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     finish()
-    page = Template(template).substitute(texts, style=style, data=data, still=last_picture(folder))
-    write_whole(folder.report, page)
+    write_whole(folder.report, Template(template).substitute(texts, style=style, data=data, still=last_picture(folder)))
     return folder.report
 
 

@@ -284,8 +284,7 @@ def check_measurements(test: Measurements, emulators: dict[str, Emulator]) -> No
 def min_funnel_time(funnel: Emulator) -> float:
     """Return a time [s] below which no fluid can leave the tapered part of a table's funnel, by its energy."""
     top, outlet, taper, spout = dimensions(funnel, ("top", "outlet", "taper", "spout"))
-    speed = np.sqrt(2.0 * GRAVITY * (taper + spout))
-    return 0.5 * (top + outlet) * taper / (outlet * speed)
+    return 0.5 * (top + outlet) * taper / (outlet * np.sqrt(2.0 * GRAVITY * (taper + spout)))
 
 
 def dimensions(test: Emulator, names=("height", "base_diameter", "top_diameter")) -> tuple[float, ...]:

@@ -260,8 +260,7 @@ class Calibration(Mix):
     @property
     def contradictory(self) -> bool:
         """Whether no mix fits several measurements, or one measurement and a rheometer's constant."""
-        several = len(self.measured) > 1 or any(len(fits) > 1 for fits in self.alone.values())
-        return several and not self.fits
+        return (len(self.measured) > 1 or any(len(fits) > 1 for fits in self.alone.values())) and not self.fits
 
     def nearest(self) -> str:
         """Format the differences of the nearest mix from each measurement."""

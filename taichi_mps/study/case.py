@@ -39,12 +39,9 @@ def case_of(scene: str, **parameters) -> Case:
     The key is a digest of the scene's file and all built-in ones, which it may import, of all its parameters with their
     defaults, of the files that they name, and of the package's code: equal keys are equal results.
     """
-    function = catalogue.load(scene)
-    validated = function.parameters(**parameters)
-    full = validated.model_dump(mode="json")
+    full = catalogue.load(scene).parameters(**parameters).model_dump(mode="json")
     texts = [user_path(value) for value in full.values() if isinstance(value, str) and value]
-    named_files = [path for path in texts if path.is_file()]
-    files = [catalogue.locate(scene), *catalogue.names().values(), *named_files]
+    files = [catalogue.locate(scene), *catalogue.names().values(), *(path for path in texts if path.is_file())]
     contents = [hashlib.sha256(regular_file(f"file {path}", path, 1e9).read_bytes()).hexdigest() for path in files]
     digest = hashlib.sha256(json.dumps([contents, full, code_digest()], sort_keys=True).encode()).hexdigest()
     return Case(catalogue.source(scene), {name: full[name] for name in parameters}, digest[:16])

@@ -93,8 +93,7 @@ class Tables:
             chi2 = (self.residuals(axes) ** 2).sum(0)
             require(chi2.min() < FAILED_RESIDUAL**2, "t500: no mix of the table reaches a slump flow of 50 cm")
             best = np.unravel_index(chi2.argmin(), chi2.shape)
-            at = np.array([axis[k] for axis, k in zip(axes, best, strict=True)])
-            yield axes, chi2, at
+            yield axes, chi2, np.array([axis[k] for axis, k in zip(axes, best, strict=True)])
             near = np.argwhere(chi2 <= chi2.min() + rise)
             around = np.stack([near.min(0) - 1, near.max(0) + 1], 1)
             ends = [axis[np.clip(pair, 0, len(axis) - 1)] for axis, pair in zip(axes, around, strict=True)]

@@ -183,9 +183,8 @@ def columns_of(found: Calibration) -> dict:
         }
     for name in (name for name in NAMES if name in found.measured or name in CONE_RESULTS):
         constant = "plastic_viscosity" if is_time(name) else "yield_value"
-        separate = found.alone.get(constant, {}).get(name, (None,))
         columns |= {
-            f"{constant}_by_{name.rpartition('_')[0]}": separate[0],
+            f"{constant}_by_{name.rpartition('_')[0]}": found.alone.get(constant, {}).get(name, (None,))[0],
             f"{name}_model": mix.model.get(name),
             f"{name}_missed": mix.missed.get(name),
         }

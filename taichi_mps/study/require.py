@@ -140,8 +140,7 @@ def find_borders(
     folder ``out`` and not computed again."""
     low, high = wanted.softest, wanted.stiffest
     keywords = catalogue.load(scene).parameters.model_fields
-    defaults = {"fill_ratio": 1.0} if "fill_ratio" in keywords else {}
-    parameters = defaults | parameters | {"until": wanted.time}
+    parameters = ({"fill_ratio": 1.0} if "fill_ratio" in keywords else {}) | parameters | {"until": wanted.time}
     form = catalogue.build(scene, **parameters)
     require(form.cavity is not None, f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
     ratio = form.parameters.get("fill_ratio", 1.0)

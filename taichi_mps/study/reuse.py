@@ -55,7 +55,6 @@ def shape_of(problem: Problem) -> bytes:
     has_friction = any(wall.friction for wall in scene.walls)  # friction keeps the slope of the flow curve, too
     material = scene.material
     numbers = material.model_dump(exclude=set(material.from_fields))
-    slope = material.typical_slope if has_friction else None
     parts = (
         bare,
         problem.scheme,
@@ -64,7 +63,7 @@ def shape_of(problem: Problem) -> bytes:
         type(material),
         numbers,
         material.ages,
-        slope,
+        material.typical_slope if has_friction else None,
         mixes,
     )
     return hashlib.sha256(json.dumps(parts, default=as_json).encode()).digest()

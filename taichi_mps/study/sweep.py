@@ -55,8 +55,7 @@ def values(text: Text, key: Text = "values") -> list[str]:
     allowed = steps or min(low, high) > 0.0
     require(allowed, f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
     require(count <= MAX_CASES, f"{key} = {text}: must be at most {MAX_CASES} values")
-    points = np.linspace(low, high, count) if steps else np.geomspace(low, high, count)
-    return [f"{point:.4g}" for point in points]
+    return [f"{point:.4g}" for point in (np.linspace if steps else np.geomspace)(low, high, count)]
 
 
 @validated

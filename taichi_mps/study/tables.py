@@ -142,8 +142,7 @@ def cell_text(value) -> str:
 def decoded(data: bytes) -> str:
     """Decode a file: UTF-8, UTF-16 by its mark, or what Excel writes in Japan (Shift-JIS) and western Europe."""
     utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-    japanese = SHIFT_JIS.search(data)
-    for encoding, may_be in (("utf-16", utf16), ("utf-8-sig", True), ("cp932", japanese)):
+    for encoding, may_be in (("utf-16", utf16), ("utf-8-sig", True), ("cp932", SHIFT_JIS.search(data))):
         if may_be:
             with suppress(UnicodeDecodeError):
                 return data.decode(encoding)
@@ -263,8 +262,7 @@ def read(path) -> list[dict]:
     rows = read_list(path)
     wrong = next((row[ROW_ERROR] for row in rows if ROW_ERROR in row), None)
     require(not wrong, f"table = {path}: {wrong}")
-    none = f"table = {path}: has no column status; must be a study's folder or its results.csv"
-    require("status" in rows[0], none)
+    require("status" in rows[0], f"table = {path}: has no column status; must be a study's folder or its results.csv")
     return [{name: parse_number(cell) for name, cell in row.items()} for row in rows]
 
 
@@ -277,5 +275,4 @@ def parse_number(text: str):
 
 def measures(rows) -> list[str]:
     """Return the columns that are results of the scene and have a unit."""
-    names = dict.fromkeys(name for row in rows for name in row)
-    return [name for name in names if is_measure(name)]
+    return [name for name in dict.fromkeys(name for row in rows for name in row) if is_measure(name)]

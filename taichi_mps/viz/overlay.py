@@ -32,8 +32,7 @@ class Overlay:
             with np.errstate(divide="ignore"):
                 away = (face[0] - self.camera.eye) @ normal / rays
             seen = np.asarray(mask, bool) & (away < self.depth[top:bottom, left:right])
-            opacity = Image.fromarray((255 * GLASS_OPACITY * seen).astype(np.uint8))
-            self.image.paste(GLASS, (left, top), opacity)
+            self.image.paste(GLASS, (left, top), Image.fromarray((255 * GLASS_OPACITY * seen).astype(np.uint8)))
 
     def lines(self, lines, colour, dashed=False) -> None:
         """Draw polylines (k, d) [m] where the body does not hide them, anti-aliased by drawing at twice the size."""
