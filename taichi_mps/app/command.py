@@ -27,8 +27,10 @@ class App(Checked):
 def app(arguments) -> int:
     """a page in the browser to set up, watch and compare runs"""
     options = App(**given(arguments, App))
-    known = re.fullmatch(r"[A-Za-z0-9._~-]*", options.token or "")
-    require(known, f"token = {plain(options.token)}: must be of letters, digits and . _ ~ -, as an address holds them")
+    require(
+        re.fullmatch(r"[A-Za-z0-9._~-]*", options.token or ""),
+        f"token = {plain(options.token)}: must be of letters, digits and . _ ~ -, as an address holds them",
+    )
     for name in ("starlette", "uvicorn"):
         require(find_spec(name), f"app needs {name}: pip install 'taichi-mps[app]'")
     from .server import serve

@@ -195,8 +195,10 @@ class Runs:
     def rename(self, query) -> None:
         """Give a run another name."""
         to = query.to.strip()
-        good = to and plain(to) == to and not set(to) & set('/\\:*?"<>|\n') and to[0] != "." and len(to) <= 100
-        require(good, f'name = {plain(to)}: must be the name of a folder, without a dot before and / \\ : * ? " < > |')
+        require(
+            to and plain(to) == to and not set(to) & set('/\\:*?"<>|\n') and to[0] != "." and len(to) <= 100,
+            f'name = {plain(to)}: must be the name of a folder, without a dot before and / \\ : * ? " < > |',
+        )
         require(not os.path.lexists(self.queue.folder / to), f"name = {to}: is there already; must be another")
         self.move(self.named(*query.names[:1]), self.queue.folder / to)
 

@@ -220,8 +220,9 @@ def study_chart(rows, varied, out) -> Path:
     done = [row for row in rows if row["status"] == "done"]
     numbers = [name for name in varied if all(isinstance(row[name], float | int) for row in rows)]
     names = [name for name in measures(done) if any(row.get(name) is not None for row in done)]
-    needs = "chart: needs a case that is done, with a measure, and a parameter that is varied by numbers"
-    require(numbers and names, needs)
+    require(
+        numbers and names, "chart: needs a case that is done, with a measure, and a parameter that is varied by numbers"
+    )
     unit = unit_of(catalogue.load(rows[0]["scene"]).parameters.model_fields[numbers[0]])
     x, others = numbers[0], [name for name in varied if name != numbers[0]]
     values = sorted({row[x] for row in done})

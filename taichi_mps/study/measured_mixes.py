@@ -140,8 +140,10 @@ def without_slump(measured: dict[str, str]) -> dict[str, str]:
     test, (_, base, _) = Measurements(**measured | {"slump": "1"}), dimensions(emulator_of())
     flows = [name for name in ("t500", "mini_cone", "v_funnel") if name in measured]
     flows += ["slump flow"] if test.spread and test.spread - 3.0 * test.spread_error > base else []
-    why = f"slump = 0 m: such a mix has no {' and no '.join(flows)}; must be an empty cell if it was not measured"
-    require(not flows, why)
+    require(
+        not flows,
+        f"slump = 0 m: such a mix has no {' and no '.join(flows)}; must be an empty cell if it was not measured",
+    )
     kept = {name: value for name, value in measured.items() if name in ("rho", "plastic_viscosity", "slump_error")}
     return kept | {"slump": str(test.slump_error)}
 

@@ -35,8 +35,10 @@ class Wanted(Checked):
 
     @model_validator(mode="after")
     def _spans_a_range(self):
-        text = f"softest = {self.softest:g} Pa: must be less than stiffest = {self.stiffest:g} Pa"
-        require(self.softest < self.stiffest, text)
+        require(
+            self.softest < self.stiffest,
+            f"softest = {self.softest:g} Pa: must be less than stiffest = {self.stiffest:g} Pa",
+        )
         return self
 
 
@@ -127,9 +129,9 @@ def require_bingham(form, parameters: dict) -> None:
     fields = catalogue.load(form.name).parameters.model_fields
     given = [name for name in parameters if name in LAW_OF]
     numbers = ", ".join(f"{name} = {quote(form.parameters[name], unit_of(fields[name]))}" for name in given)
-    bingham = form.material.straight and not parameters.keys() & form.material.viscous
     require(
-        bingham, f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out"
+        form.material.straight and not parameters.keys() & form.material.viscous,
+        f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out",
     )
 
 

@@ -52,8 +52,7 @@ def values(text: Text, key: Text = "values") -> list[str]:
             raise ValueError
     except ValueError:
         raise SceneError(f"{key} = {text}: must be a list, 20,50,100, or first:last:number[:linear]") from None
-    allowed = steps or min(low, high) > 0.0
-    require(allowed, f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
+    require(steps or min(low, high) > 0.0, f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
     require(count <= MAX_CASES, f"{key} = {text}: must be at most {MAX_CASES} values")
     return [f"{point:.4g}" for point in (np.linspace if steps else np.geomspace)(low, high, count)]
 
@@ -292,6 +291,7 @@ def executor_of(text: str | Executor, workers: int | None):
         workers = workers or os.cpu_count() or 1
         return lambda: processes(workers), workers
     slurm = "; Slurm starts workers of Dask, see docs/howto/cluster.md" * text.startswith("slurm:")
-    known = re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text)
-    require(known, f"executor = {text}: must be dask://HOST:PORT or local{slurm}")
+    require(
+        re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text), f"executor = {text}: must be dask://HOST:PORT or local{slurm}"
+    )
     return lambda: dask(text), workers

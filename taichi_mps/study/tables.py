@@ -233,8 +233,10 @@ def open_results(folder):
     """Open the results of a study's folder, which is made if need be; one study at a time may write there."""
     folder = user_path(folder)
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    foreign = present - {LOCK} and JOURNAL not in present
-    require(not foreign, f"out = {folder}: holds other files and no study; must be a new or a study's folder")
+    require(
+        not (present - {LOCK} and JOURNAL not in present),
+        f"out = {folder}: holds other files and no study; must be a new or a study's folder",
+    )
     with held(folder, LOCK, "another study, process"), open(folder / JOURNAL, "a+b") as file:
         yield Results(folder, file)
 

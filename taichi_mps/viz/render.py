@@ -96,8 +96,10 @@ def viridis(t):
 
 def require_grains(scene, view: str, cut: bool) -> None:
     """Refuse what is shown of grains where there are none."""
-    there = scene.grains or not (cut or view == "distance")
-    require(there, "cut, view = distance: the scene has no grains; must be left out")
+    require(
+        scene.grains or not (cut or view == "distance"),
+        "cut, view = distance: the scene has no grains; must be left out",
+    )
 
 
 class Renderer:
@@ -387,8 +389,9 @@ def gif(
     ...     out.stat().st_size > 0
     True
     """
-    good = out.suffix.lower() == ".gif"
-    require(good, f"out = {out}: must end in .gif; 'taichi-mps render RUN --film' writes an MP4")
+    require(
+        out.suffix.lower() == ".gif", f"out = {out}: must end in .gif; 'taichi-mps render RUN --film' writes an MP4"
+    )
     paths = [frames] if isinstance(frames, Path) else list(frames)
     if len(paths) == 1 and paths[0].is_dir():
         paths = sorted(paths[0].glob("frame_*.png")) or sorted(paths[0].glob("*.png"))
