@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from contextlib import contextmanager
 from functools import cache, partial, wraps
+from importlib.util import find_spec
 from pathlib import Path
 from typing import (
     TYPE_CHECKING,
@@ -80,6 +81,11 @@ def require(holds, message: str) -> None:
     """Raise SceneError with this message unless what is required holds."""
     if not holds:
         raise SceneError(message)
+
+
+def require_package(name: str, what: str, extra: str, instead: str = "") -> None:
+    """Raise SceneError, which says ``what`` needs it, unless a package of an ``extra`` of this one is installed."""
+    require(find_spec(name.replace("-", "_")), f"{what} {name}: pip install 'taichi-mps[{extra}]'{instead}")
 
 
 def user_path(path) -> Path:
@@ -171,9 +177,8 @@ class Only(NamedTuple):
         """Return what is allowed instead where the other keyword has this value, '' where all is well."""
         if isinstance(self.values, tuple):
             return "" if value in self.values else f"must be left out, or {self.key} = {' or '.join(self.values)}"
-        if bool(value) == self.values:
-            return ""
-        return f"has no effect with{'out' * self.values} {self.key}; must be left out"
+        why = f"has no effect with{'out' * self.values} {self.key}; must be left out"
+        return "" if bool(value) == self.values else why
 
 
 def no_number_in_disguise(value):
@@ -425,9 +430,8 @@ def explain(error: ValidationError, model: type[Checked]) -> dict[str, str]:
             kind, allowed = "length", f"must be {len(get_args(model.model_fields[key].annotation))} values"
         elif kind.startswith(("greater", "less")):
             allowed += (f" {unit}" if unit else "") + (f" ({known.hint})" if known.hint else "")
-            most = next((item["ctx"][key] for key in ("le", "lt") if key in item["ctx"]), None)
-            if unit == "m" and most is not None:
-                allowed += in_smaller_unit(float(item["input"]), most)
+            most = next((item["ctx"][key] for key in ("le", "lt") if key in item["ctx"]), -np.inf)
+            allowed += in_smaller_unit(float(item["input"]), most) if unit == "m" else ""
         elif allowed.endswith(OF_THAT_KIND) and known.hint:
             allowed += f" ({known.hint})"
         shown = " ".join(str(item["input"])[:1000].split())[:MAX_CHARACTERS] or "''"  # on one line

@@ -11,7 +11,6 @@ import sys
 import warnings
 from contextlib import redirect_stderr, suppress
 from dataclasses import replace
-from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -141,7 +140,7 @@ def preview(request: dict, tell, cancelled) -> None:
         tell(wrong=plain(error))
         return
     for scene in scenes:
-        film = Film(begin(scene, partial(tell, preparing=True), MAX_KEPT), tell, cancelled)
+        film = Film(begin(scene, lambda: tell(preparing=True), MAX_KEPT), tell, cancelled)
         ended = film.run()
         if not cancelled():
             tell(result=film.result() | {"ended": ended, "last": scene is scenes[-1]})

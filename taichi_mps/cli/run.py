@@ -10,7 +10,6 @@ import time
 import warnings
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib.util import find_spec
 from itertools import chain
 from zlib import crc32
 
@@ -35,7 +34,7 @@ from ..report.sentences import (
     thin_solids,
 )
 from ..spelling import size
-from ..units import SceneError, require
+from ..units import SceneError, require, require_package
 from .case_file import NOT_IN_CASE, case_text
 from .options import DIVERGED, DONE, notify, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
@@ -200,7 +199,8 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
     from ..viz.film import SideBySide, align_in_time, mp4
     from ..viz.render import gif
 
-    require(not film or find_spec("imageio_ffmpeg"), "film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'")
+    if film:
+        require_package("imageio-ffmpeg", "film: needs", "film")
     frames, animation = folder / f"frames{suffix}", folder / f"animation{suffix}.gif"
     outputs = align_in_time(*replays)
     first = next(outputs)

@@ -1,12 +1,10 @@
 """The commands sweep, require, calibrate, mortar and chart of the command line."""
 
 import json
-import math
 import os
 import sys
 import time
 from collections import Counter
-from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -25,12 +23,12 @@ from ..study.mortar import Suspension
 from ..study.require import Wanted, find_borders, require_bingham, runs_to_expect
 from ..study.sweep import ACCURACY, CHOOSES, LOST, cases, sweep, wall_time
 from ..study.tables import measures
-from ..units import Checked, Only, SceneError, plain, quote, require, user_path
+from ..units import Checked, Only, SceneError, plain, quote, require, require_package, user_path
 from . import case_file
 from .options import DONE, JSON, Workers, command, given, notify, parse_scene, read_back, tell
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result, and calibrate --table where no mix did
-NEEDS = "chart needs matplotlib: pip install 'taichi-mps[plots]'"
+PLOTS = "matplotlib", "chart needs", "plots"  # what a chart needs
 MOST_SHOWN = 10  # cases without a result that are named
 MIX = {"yield_value", "plastic_viscosity", "until"}  # of a form: what require looks for
 
@@ -121,7 +119,7 @@ def watching(varied, quiet: bool, options, planned, runs=None):
             done, more = len(reported) - (there or 0), max(0, count - len(reported))
             left = whole * more / (done + more) if whole and more else 0.0
             if known and done > 0:
-                left = math.sqrt(left * (time.monotonic() - start) / done * more)
+                left = (left * (time.monotonic() - start) / done * more) ** 0.5
             text = f"{', '.join(words)}: {outcome(row)}" + (f", in {duration_text(spent)}" if spent else "")
             print(plain(f"{text}; about {duration_text(left)} left" if left else text), file=sys.stderr, flush=True)
 
@@ -147,7 +145,8 @@ def sweep_command(argv) -> int:
         Sweep,
     )
     options, varied = Sweep(**given(arguments, Sweep)), given(arguments, function.parameters)
-    require(not options.chart or find_spec("matplotlib"), NEEDS)
+    if options.chart:
+        require_package(*PLOTS)
     folder = user_path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
     differing = varied_parameters(planned, function)
@@ -236,7 +235,7 @@ def require_command(argv) -> int:
     borders, rows = find_borders(
         arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters
     )
-    facts = [asdict(border) | {"slumps_m": border.slumps_m} for border in borders]
+    facts = [vars(border) | {"slumps_m": border.slumps_m} for border in borders]
     tell(arguments, facts, "\n".join([*map(str, borders), f"{len(rows)} run{'s' if len(rows) > 1 else ''}: {folder}"]))
     tell_chart("borders_chart", borders, rows, wanted, folder / "require.png")
     return DONE
@@ -276,7 +275,7 @@ def calibrate_scene(argv) -> int:
     )
     options, settings = Curves(**given(arguments, Curves)), given(arguments, function.parameters)
     require(options.curve, "curve: is missing; must be a CSV file of what was measured of the scene")
-    require(find_spec("scipy"), "calibrate needs scipy: pip install 'taichi-mps[calibrate]'")
+    require_package("scipy", "calibrate needs", "calibrate")
     from ..study.calibrate_curves import calibrate_curves
 
     report = None if options.quiet or arguments.json else lambda text: print(plain(text), file=sys.stderr, flush=True)
@@ -353,7 +352,7 @@ def mortar(arguments) -> int:
 )
 def chart(arguments) -> int:
     """draw slump and slump flow against yield stress"""
-    require(find_spec("matplotlib"), NEEDS)
+    require_package(*PLOTS)
     from ..study.chart import slump_chart
 
     made = slump_chart(arguments.out, arguments.study)

@@ -7,7 +7,6 @@ It is checked before HDF5 sees the file.
 import hashlib
 import io
 import json
-import math
 import os
 import re
 from collections.abc import Callable
@@ -529,5 +528,5 @@ def possible(poured, layers: int) -> bool:
         isinstance(poured, list)
         and [type(number) for number in poured] in ([int, float], [int, int])
         and 0 <= poured[0] <= layers
-        and 0.0 <= poured[1] < math.inf
+        and 0.0 <= poured[1] < np.inf
     )

@@ -27,8 +27,7 @@ class Recorder:
         self.trajectory = Trajectory(folder.trajectory)
         self.measures = sim.measures()  # of the last step
         resumed = sim.steps > 0 and folder.trajectory.is_file()
-        if sim.steps > 0:
-            folder.check_pictures()
+        folder.check_pictures()
         self.history = History(folder.history, kept=sim.time if sim.steps > 0 else None)
         if resumed:
             if sim.time < sim.scene.until - 1e-9:  # a finished run keeps its last output

@@ -51,8 +51,8 @@ def verdicts(summary: dict) -> list[str]:
 
 def closing(summary: dict, folder) -> list[str]:
     """Sentences on the cost of a run, and on what lies in its folder."""
-    page = "Open report.html there: film, curves and all numbers on one page."
-    shown = [page] if (Path(folder) / "report.html").is_file() else []
+    page = ["Open report.html there: film, curves and all numbers on one page."]
+    shown = page if (Path(folder) / "report.html").is_file() else []
     return [cost(summary), f"Pictures and results lie in {plain(folder)}.", *shown]
 
 
@@ -232,5 +232,5 @@ def numerics(summary) -> list[tuple[str, str]]:
     } | summary.get("numerics", {})
     if "seconds_by_part" in summary:
         facts["time"] = duration_by_part(summary["seconds_by_part"], summary["all_cpu_seconds"])
-    unsaid = {"wall_loads"}  # forces are among the results; a scene may measure them by itself
-    return [(in_words(key), str(value)) for key, value in facts.items() if key not in unsaid]
+    # forces are among the results; a scene may measure them by itself
+    return [(in_words(key), str(value)) for key, value in facts.items() if key != "wall_loads"]

@@ -1,6 +1,5 @@
 """Result of a calibration: the constants of a mix with intervals, and their formatting as text."""
 
-import math
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -166,7 +165,7 @@ class Mix(FittedConstants):
         lines = []
         for name, (value, error) in self.measured.items():
             factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
-            table_error = factor * math.sqrt(max(self.errors[name] ** 2 - error**2, 0.0))
+            table_error = factor * np.sqrt(max(self.errors[name] ** 2 - error**2, 0.0))
             text = f"{factor * value:.2f} +- {factor * error:.2f} {unit}"
             text += f", of the model {factor * self.model[name]:.2f} +- {table_error:.2f}"
             text += f"; determines {self.determines(name)}" if self.worth[name] else ""

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import threading
 import warnings
 from dataclasses import dataclass
@@ -94,7 +93,7 @@ def run_case(case: Case, samples: int = 0) -> dict:
             summary, measures = summary_of(sim), sim.measures()
             if sim.scene.over_time:
                 history += [history_row(sim, measures)] if history[-1]["time_s"] < sim.time else []
-                columns = {name: np.array([step.get(name, math.nan) for step in history]) for name in history[-1]}
+                columns = {name: np.array([step.get(name, np.nan) for step in history]) for name in history[-1]}
                 measures |= sim.scene.over_time(columns)
         except Exception as error:  # a study goes on, whatever a case does
             status = LOST if isinstance(error, MemoryError | OSError) else "failed"

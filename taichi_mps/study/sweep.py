@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
 from contextlib import contextmanager, nullcontext, suppress
-from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from time import monotonic
@@ -24,7 +23,7 @@ from ..engine import Concrete, Problem
 from ..forecast.accuracy import choose
 from ..input import catalogue
 from ..input.catalogue import SceneName
-from ..units import Count, Place, SceneError, Text, in_unit, require, validated
+from ..units import Count, Place, SceneError, Text, in_unit, require, require_package, validated
 from .case import LOST, Case, case_of, row_without_result, run_case
 from .tables import open_results
 
@@ -269,7 +268,7 @@ def end_with_parent():
 @contextmanager
 def dask(address: str):
     """Open the workers of a running scheduler: dask worker ADDRESS --nworkers N --nthreads 1."""
-    require(find_spec("distributed"), f"executor = {address}: needs distributed: pip install 'taichi-mps[cluster]'")
+    require_package("distributed", f"executor = {address}: needs", "cluster")
     from distributed import Client
 
     try:

@@ -11,13 +11,12 @@ import os
 import re
 import unicodedata
 from contextlib import contextmanager, suppress
-from importlib.util import find_spec
 from pathlib import Path
 
 from ..input.labels import is_measure
 from ..io.lock import held
 from ..spelling import in_unit
-from ..units import SceneError, regular_file, require, user_path
+from ..units import SceneError, regular_file, require, require_package, user_path
 
 LOCK = "study.lock"
 JOURNAL = "journal.jsonl"
@@ -115,10 +114,7 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
 def sheet_as_csv(data: bytes, where: str) -> str:
     """Text of the first sheet of an Excel workbook as CSV with semicolons, a line for each row; of formulas their last
     values. SceneError, which begins with ``where``, for any other zipped file, and without openpyxl."""
-    require(
-        find_spec("openpyxl"),
-        f"{where}an Excel sheet needs openpyxl: pip install 'taichi-mps[excel]', or save it as CSV",
-    )
+    require_package("openpyxl", f"{where}an Excel sheet needs", "excel", ", or save it as CSV")
     import openpyxl
 
     file = io.StringIO()
@@ -141,11 +137,10 @@ def cell_text(value) -> str:
 
 def decoded(data: bytes) -> str:
     """Decode a file: UTF-8, UTF-16 by its mark, or what Excel writes in Japan (Shift-JIS) and western Europe."""
-    utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-    for encoding, may_be in (("utf-16", utf16), ("utf-8-sig", True), ("cp932", SHIFT_JIS.search(data))):
-        if may_be:
-            with suppress(UnicodeDecodeError):
-                return data.decode(encoding)
+    may_be = {"utf-16": data[:2] in (b"\xff\xfe", b"\xfe\xff"), "utf-8-sig": True, "cp932": SHIFT_JIS.search(data)}
+    for encoding in filter(may_be.get, may_be):
+        with suppress(UnicodeDecodeError):
+            return data.decode(encoding)
     return data.decode("cp1252")
 
 
