@@ -496,9 +496,8 @@ def checked(function: Callable[..., T]) -> Callable[..., T]:
     records = {name: p.annotation for name, p in arguments.items() if hasattr(p.annotation, "from_values")}
     fields = {}
     for name, parameter in arguments.items():
-        new = {name: (parameter.annotation, ... if parameter.default is parameter.empty else parameter.default)}
-        if name in records:
-            new = options_of(parameter.annotation, parameter.default)
+        own = parameter.annotation, ... if parameter.default is parameter.empty else parameter.default
+        new = options_of(parameter.annotation, parameter.default) if name in records else {name: own}
         if duplicates := sorted(fields.keys() & new.keys()):
             raise TypeError(f"{function.__name__}: {duplicates[0]} is declared twice")
         fields |= new

@@ -105,12 +105,10 @@ def row(folder: RunFolder) -> dict:
     try:
         summary, picture = summary_of(folder), newest_picture(folder)
         sizes = (os.lstat(os.path.join(at, name)).st_size for at, _, names in os.walk(folder.path) for name in names)
-        facts |= {"size": sum(sizes), "runs": bool(lock.writer(folder.path))}
+        report = f"/report/{quote(os.fsencode(folder.path.name), '')}" if folder.report.is_file() else None
+        facts |= {"size": sum(sizes), "runs": bool(lock.writer(folder.path)), "report": report}
         facts["resumable"] = folder.resumable and not facts["runs"] and summary.get("stopped_by") in RESUMABLE_ENDS
-        if picture:
-            facts["picture"] = url(folder, str(picture.relative_to(folder.path)))
-        if folder.report.is_file():
-            facts["report"] = f"/report/{quote(os.fsencode(folder.path.name), '')}"
+        facts["picture"] = picture and url(folder, str(picture.relative_to(folder.path)))
         if not summary:
             return facts | {"end": "" if facts["runs"] else f"It {NO_SUMMARY}."}
         words = {

@@ -245,8 +245,12 @@ def suggested(word: str, known) -> str:
     name = word.lstrip("-").replace("-", "_")
     if name in GONE:
         return f": {GONE[name]}"
-    owners = {"run": Run, "sweep": Workers} | {f"the scheme {scheme}": model for scheme, model in NUMERICS.items()}
-    owners |= {f"the law {law.__name__}": law for law in LAWS}
+    owners = {
+        "run": Run,
+        "sweep": Workers,
+        **{f"the scheme {scheme}": model for scheme, model in NUMERICS.items()},
+        **{f"the law {law.__name__}": law for law in LAWS},
+    }
     owner = next((owner for owner, model in owners.items() if name in model.model_fields), None)
     return f": {owner} has it; must be left out here" if owner else suggestion(word, known)
 

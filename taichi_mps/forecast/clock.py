@@ -56,8 +56,8 @@ class Clock:
         self.cold = not compiled_before()  # nothing was compiled on this machine
         first, each = COMPILING[in_space]
         ready = first + each * len(() if problem.wall_particles else scene.walls)
-        if not self.cold:  # which of these kernels is among those compiled is not known
-            ready = math.sqrt(ready * READY[in_space])
+        # which of these kernels is among those compiled is not known
+        ready = ready if self.cold else math.sqrt(ready * READY[in_space])
         flow = self.cost.cpu_seconds / self.threads**TEAM_EXPONENT + ROW * self.cost.steps
         slowness = imported / IMPORT if imported / IMPORT < MAX_SLOWNESS else 1.0
         seconds = START, ready, flow, REPORT

@@ -497,8 +497,8 @@ def digest(scene: Scene, keys) -> str:
             total.update(f"{len(value)} ".encode())
         elif isinstance(value, BaseModel) or is_dataclass(value):
             fields = type(value).model_fields if isinstance(value, BaseModel) else value.__dataclass_fields__
-            differing = {name: getattr(value, name) for name in fields if name != "name"}
-            differing = {k: v for k, v in differing.items() if isinstance(v, np.ndarray) or v != fields[k].default}
+            values = {name: getattr(value, name) for name in fields if name != "name"}
+            differing = {k: v for k, v in values.items() if isinstance(v, np.ndarray) or v != fields[k].default}
             take([type(value).__name__, *(item for k, v in differing.items() for item in (FORMER_NAMES.get(k, k), v))])
         else:
             text = getattr(value, "__qualname__", type(value).__name__) if callable(value) else value

@@ -486,9 +486,13 @@ def output_rows(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
         Rows by name of the dataset: n of a dataset of particles, one of a dataset of steps.
     """
     points, data = embed_single(s.x), {name: rows for name, rows in point_data(s).items() if name in fields}
-    first = dict.fromkeys(["PointOffsets", *(f"PointDataOffsets/{name}" for name in data)], np.array([k * n]))
-    steps = first | {"Values": np.array([s.time], float), "NumberOfParts": np.array([1]), "PartOffsets": np.array([0])}
-    steps |= dict.fromkeys(("CellOffsets", "ConnectivityIdOffsets"), np.zeros((1, len(CELL_KINDS)), int))
+    steps = {
+        **dict.fromkeys(["PointOffsets", *(f"PointDataOffsets/{name}" for name in data)], np.array([k * n])),
+        "Values": np.array([s.time], float),
+        "NumberOfParts": np.array([1]),
+        "PartOffsets": np.array([0]),
+        **dict.fromkeys(("CellOffsets", "ConnectivityIdOffsets"), np.zeros((1, len(CELL_KINDS)), int)),
+    }
     return {
         "VTKHDF/Points": points,
         **{f"VTKHDF/PointData/{name}": rows for name, rows in data.items()},

@@ -155,12 +155,17 @@ def doubts(run) -> list[str]:
 
 def view_notes(film: dict, scene) -> list[str]:
     """Sentences that explain the view of the film, and the outputs that it leaves out."""
-    notes = ["Drag to turn."] if scene.dimension == 3 or scene.axisymmetric else []
-    notes += ["Red: the mould, the bars or the hose."] if scene.outline else []
-    notes.append(f"Flowing: the viscous part of the stress is over {FLOW_THRESHOLD:.0%} of the yield stress.")
     shown = len(film["times"])
-    fewer = f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all."
-    return notes + ([fewer] if shown < film["outputs"] else [])
+    notes = [
+        (scene.dimension == 3 or scene.axisymmetric, "Drag to turn."),
+        (scene.outline, "Red: the mould, the bars or the hose."),
+        (True, f"Flowing: the viscous part of the stress is over {FLOW_THRESHOLD:.0%} of the yield stress."),
+        (
+            shown < film["outputs"],
+            f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all.",
+        ),
+    ]
+    return [text for holds, text in notes if holds]
 
 
 def input_rows(run) -> list[tuple[str, str]]:

@@ -91,20 +91,23 @@ def ending(summary, mixes=True) -> str:
 
 def doubts(summary) -> list[str]:
     """Sentences on doubts about a result, each with a remedy."""
-    found = []
-    worst = summary.get("volume_error_max") or 0.0
-    if worst > DOUBTFUL_VOLUME_ERROR:
-        found.append(
-            f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing)."
-        )
-    if "unmet_steps" in summary:
-        found.append(
-            f"In {summary['unmet_steps'] / summary['steps']:.1%} of the steps the outer iterations ended before they "
-            "met their tolerance; allow more of them (--outer-iterations)."
-        )
-    if summary["stopped_by"] == "time":
-        found.append("The concrete may still move; a longer time limit (--until) follows it further.")
-    return found
+    worst, unmet = summary.get("volume_error_max") or 0.0, summary.get("unmet_steps", 0) / summary.get("steps", 1)
+    found = [
+        (
+            worst > DOUBTFUL_VOLUME_ERROR,
+            f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing).",
+        ),
+        (
+            "unmet_steps" in summary,
+            f"In {unmet:.1%} of the steps the outer iterations ended before they met their tolerance; allow more of "
+            "them (--outer-iterations).",
+        ),
+        (
+            summary["stopped_by"] == "time",
+            "The concrete may still move; a longer time limit (--until) follows it further.",
+        ),
+    ]
+    return [text for holds, text in found if holds]
 
 
 def thin_solids(summary) -> list[str]:

@@ -7,8 +7,13 @@ import numpy as np
 from ..input.labels import CONSTANT_UNITS, in_words
 
 MAX_MISFIT = 9.0  # chi squared of three standard errors
-NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
-NAMES |= {"mini_cone_m": "mini-cone flow", "v_funnel_s": "V-funnel time"}
+NAMES = {
+    "slump_m": "slump",
+    "spread_m": "slump flow",
+    "t500_s": "T500",
+    "mini_cone_m": "mini-cone flow",
+    "v_funnel_s": "V-funnel time",
+}
 RHEOMETER = "rheometer"  # source of a constant that is known
 BINGHAM = "yield_value", "plastic_viscosity"  # the constants of a mix, in the order of the tables
 FRICTIONAL = "yield_value", "friction_angle", "plastic_viscosity"  # constants of a mix with internal friction
@@ -166,10 +171,9 @@ class Mix(FittedConstants):
         for name, (value, error) in self.measured.items():
             factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
             table_error = factor * np.sqrt(max(self.errors[name] ** 2 - error**2, 0.0))
-            text = f"{factor * value:.2f} +- {factor * error:.2f} {unit}"
+            text = f"{NAMES[name]:18} {factor * value:.2f} +- {factor * error:.2f} {unit}"
             text += f", of the model {factor * self.model[name]:.2f} +- {table_error:.2f}"
-            text += f"; determines {self.determines(name)}" if self.worth[name] else ""
-            lines.append(f"{NAMES[name]:18} {text}")
+            lines.append(text + (f"; determines {self.determines(name)}" if self.worth[name] else ""))
         return lines
 
 
@@ -283,8 +287,10 @@ class Calibration(Mix):
         for name, ends in self.possible.items() if len(self.measured) > 1 else ():
             by = self.measured[name][0] - float(np.clip(self.measured[name][0], *ends))
             low, high = (f"{(1.0 if is_time(name) else 100.0) * end:.3g}" for end in ends)
-            text += f"; beside {'the other' if len(self.measured) == 2 else 'the others'} the {NAMES[name]} of a mix "
-            text += f"is {low} to {high} {'s' if is_time(name) else 'cm'}, that measured is off by {signed(name, by)}"
+            text += (
+                f"; beside {'the other' if len(self.measured) == 2 else 'the others'} the {NAMES[name]} of a mix "
+                f"is {low} to {high} {'s' if is_time(name) else 'cm'}, that measured is off by {signed(name, by)}"
+            )
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             readings = [
                 f"the {NAMES.get(name, name)}{' alone' if name in NAMES else ''} "
@@ -321,8 +327,8 @@ class Calibration(Mix):
         if self.friction:
             *first, last = [NAMES[name] for name in self.friction.measured]
             unused = [NAMES[name] for name in self.measured if name not in self.friction.measured]
-            block = [str(self.friction)]
-            block += [f"  of {', '.join(first)} and {last} alone, not of {' and '.join(unused)}"] if unused else []
+            alone = f"  of {', '.join(first)} and {last} alone, not of {' and '.join(unused)}"
+            block = [str(self.friction), alone] if unused else [str(self.friction)]
             lines = [*block, "the nearest Bingham mix:", *lines] if self.contradictory else [*lines, *block]
         if not self.fits:
             lines.insert(

@@ -17,8 +17,16 @@ from ..units import regular_file, user_path
 
 T500_SLUMP_FLOW = 0.5  # slump flow [m] that defines T500: EN 12350-8
 MIN_INTERVAL, MIN_FRACTION = 0.02, 0.05  # [s] and [-] of the time so far, between two measurements of a slump flow
-SUMMARY_COLUMNS = "stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max"  # kept in a row
-SUMMARY_COLUMNS += "cpu_seconds", "compile_seconds", "version"
+SUMMARY_COLUMNS = (  # kept in a row
+    "stopped_by",
+    "simulated_seconds",
+    "steps",
+    "volume_error",
+    "volume_error_max",
+    "cpu_seconds",
+    "compile_seconds",
+    "version",
+)
 LOST = "lost"  # status of a case that was not finished; computed again when the study is resumed
 _one_at_a_time = threading.Lock()  # Taichi runs one Simulation at a time in a process
 

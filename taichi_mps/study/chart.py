@@ -43,12 +43,11 @@ def _figure(width, height, columns=1, **options):
     """Make a figure and axes that need no display and no global state. MPLBACKEND is hidden from the import of
     matplotlib, which fails if it names a backend that is not installed, as that of a notebook may be."""
     backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
-    try:
-        import matplotlib
-        from matplotlib.figure import Figure
-    finally:
-        os.environ |= {"MPLBACKEND": backend} if backend else {}
+    import matplotlib
+    from matplotlib.figure import Figure
+
     if backend:
+        os.environ["MPLBACKEND"] = backend
         with suppress(ValueError):
             matplotlib.rcParams["backend"] = backend
     with matplotlib.rc_context(STYLE):

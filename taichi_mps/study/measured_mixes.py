@@ -30,8 +30,10 @@ OTHER_TESTS = {  # {beginning of a column's key: what this unused measurement is
     "flowtable": "of the flow table (EN 12350-5), no slump flow",
 }
 # {key_of(name of a column): field of Measurements}
-FIELDS = {key_of(name): name for name in Measurements.model_fields}
-FIELDS |= {key_of(word): field for field, words in COLUMN_NAMES.items() for word in words.split()}
+FIELDS = {
+    **{key_of(name): name for name in Measurements.model_fields},
+    **{key_of(word): field for field, words in COLUMN_NAMES.items() for word in words.split()},
+}
 FIELDS |= {f"{key}error": f"{field}_error" for key, field in FIELDS.items() if field in FIELD_OF_RESULT.values()}
 NOT_MEASURED = {
     "",

@@ -160,8 +160,9 @@ def find_borders(
         brackets = {eta: bracket(mixes, eta, low, high) for eta in viscosities}
         if not new:
             break
-        for tau_y, eta in new:
-            planned[tau_y, eta] = case_of(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta)
+        planned |= {
+            (tau_y, eta): case_of(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta) for tau_y, eta in new
+        }
         rows = run_cases(list(planned.values()), out, run, executor, workers, watch)
     by_mix, density = dict(zip(planned, rows, strict=True)), rows[0].get("density") or DENSITY
     missing = {mix: 1.0 - row.get(FILLED, math.nan) for mix, row in by_mix.items()}

@@ -39,8 +39,10 @@ COLUMN_NAMES = {
     "plastic_viscosity": "plastischeviskosität 塑性粘度",
     "rho": "density ρ unitweight rohdichte frischbetonrohdichte massevolumique volumiekemassa 密度 単位容積質量",
 }
-IGNORED_WORDS = {"value", "mean", "average", "avg", "measured", "test", "the", "of", "fresh", "concrete"}
-IGNORED_WORDS |= {"wert", "mittelwert", "diameter", "平均"}
+IGNORED_WORDS = {
+    *("value", "mean", "average", "avg", "measured", "test", "the", "of", "fresh", "concrete"),
+    *("wert", "mittelwert", "diameter", "平均"),
+}
 # two kana or kanji, or one apart from letters; one beside letters is an apostrophe, a dash or oe of cp1252
 SHIFT_JIS = re.compile(
     rb"[\x81-\x9f][\x40-\xfc][\x81-\x9f\xe0-\xef][\x40-\xfc]"

@@ -123,5 +123,4 @@ def with_film_speed(image, every, fps):
 def speed_in_words(speed: float) -> str:
     """Format the speed of a film relative to the flow in words."""
     words = {1.0: "real time", 0.5: "half speed", 0.25: "quarter speed", 2.0: "double speed"}
-    near = next((name for value, name in words.items() if abs(speed / value - 1.0) < 0.01), None)
-    return near or f"{speed:.2g}x speed"
+    return next((name for value, name in words.items() if abs(speed / value - 1.0) < 0.01), f"{speed:.2g}x speed")

@@ -10,11 +10,10 @@ MIN_DIMENSION = 0.03  # of the longest side of the view volume: shorter lengths 
 
 def with_mirror_images(scene, line):
     """Polyline (k, d) [m] as (k, 3), with its images behind the mirror planes of the scene and across its axis."""
-    lines = [embed(line)]
-    if scene.axisymmetric:
-        lines.append(lines[0] * (-1.0, 1.0, 1.0))
+    line = embed(line)
+    lines = [line, line * (-1.0, 1.0, 1.0)] if scene.axisymmetric else [line]
     for plane in scene.mirrors:
-        point, normal = embed([plane.point, plane.normal])
+        normal, point = embed([plane.normal, plane.point])
         lines += [reflected(other, normal, point) for other in lines]
     return lines
 
