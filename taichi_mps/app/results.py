@@ -140,12 +140,13 @@ class Runs:
 
     def rows(self) -> list[dict]:
         """Rows of the list; a row is updated when its run has changed."""
-        rows = {}
-        for folder in self.folders(self.queue.folder):
-            key = folder.path, written_at(folder), lock.writer(folder.path)
-            rows[key] = self.known[key] if key in self.known and not key[2] else row(folder)
-        self.known = rows
-        return list(rows.values())
+        found = self.folders(self.queue.folder)
+        keys = [(folder.path, written_at(folder), lock.writer(folder.path)) for folder in found]
+        self.known = {
+            key: self.known[key] if key in self.known and not key[2] else row(folder)
+            for key, folder in zip(keys, found, strict=True)
+        }
+        return list(self.known.values())
 
     def named(self, name: str, place: Path | None = None) -> RunFolder:
         """Run folder by its name; SceneError if there is none."""
@@ -234,12 +235,12 @@ class Runs:
 
 def numbers(measures: dict) -> dict:
     """Measures by key: value or None, value as text, and name."""
-    shown = {}
-    for key, value in measures.items():
-        if is_measure(key) and not key.endswith(EXPECTED):
-            there = value is not None and math.isfinite(value)
-            shown[key] = [value if there else None, written(key, value) if there else "not reached", title(key)]
-    return shown
+    known = {key: value for key, value in measures.items() if is_measure(key) and not key.endswith(EXPECTED)}
+    reached = {key for key, value in known.items() if value is not None and math.isfinite(value)}
+    return {
+        key: [value, written(key, value), title(key)] if key in reached else [None, "not reached", title(key)]
+        for key, value in known.items()
+    }
 
 
 def facts_of(number: int, job: Job) -> dict:

@@ -160,8 +160,10 @@ def forecast(words: list[str]) -> dict:
             require_memory(problem, pairs_of(problem.scene), run.precision)
     except (SceneError, ImportError) as error:  # ImportError: pint, which numbers with a unit need
         return {"wrong": wrong(error)}
-    remarks = [line.removeprefix("taichi-mps: ") for line in messages.getvalue().splitlines()]
-    remarks += dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning)
+    remarks = [
+        *(line.removeprefix("taichi-mps: ") for line in messages.getvalue().splitlines()),
+        *dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning),
+    ]
     return {
         "space": problem.scene.dimension == 3,
         "seconds": clock.whole,

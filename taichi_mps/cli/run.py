@@ -209,11 +209,12 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
         clear_pictures(frames)
     except OSError as error:
         raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
-    made, end = [], 0.0
-    for number, each in enumerate(chain([first], outputs)):
-        end = max(frame.time for frame in each)
-        made.append(painter.draw(number, *each))
-    every = end / max(len(made) - 1, 1)  # a step longer than the interval asked for has one picture
+    drawn = [
+        (max(frame.time for frame in each), painter.draw(number, *each))
+        for number, each in enumerate(chain([first], outputs))
+    ]
+    times, made = zip(*drawn, strict=True)
+    every = times[-1] / max(len(made) - 1, 1)  # a step longer than the interval asked for has one picture
     gif(made, animation, width=640 * len(replays), every=every)
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
     return names | ({"film": str(mp4(made, animation.with_suffix(".mp4"), every=every))} if film else {})

@@ -172,9 +172,8 @@ def errors_of_lifted(error: ModelErrors, speed: float) -> ModelErrors | None:
     as_viscous = 0.5 <= error.viscosity_number / soft.viscosity_number <= 2.0
     slump, reach, coarsest = LIFTED.get(error.model, (0.0, 0.0, 0.0))
     fine, slow = error.spacing <= coarsest * (1.0 + 1e-6), SLOWEST <= speed <= FASTEST
-    if not (between and as_viscous and fine and slow):
-        return None
-    return error._replace(slump=error.slump + slump * error.spacing, reach=error.reach + reach * error.spacing)
+    lifted = error._replace(slump=error.slump + slump * error.spacing, reach=error.reach + reach * error.spacing)
+    return lifted if between and as_viscous and fine and slow else None
 
 
 # ---- choice of model and spacing -------------------------------------------------------------------------------

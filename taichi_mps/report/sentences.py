@@ -91,7 +91,7 @@ def ending(summary, mixes=True) -> str:
 
 def doubts(summary) -> list[str]:
     """Sentences on doubts about a result, each with a remedy."""
-    worst, unmet = summary.get("volume_error_max") or 0.0, summary.get("unmet_steps", 0) / summary.get("steps", 1)
+    worst, unmet = summary.get("volume_error_max") or 0.0, summary.get("unmet_steps", 0) / (summary.get("steps") or 1)
     found = [
         (
             worst > DOUBTFUL_VOLUME_ERROR,

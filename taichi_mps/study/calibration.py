@@ -300,12 +300,11 @@ class Calibration(Mix):
             text += (
                 f"; at {rounded(self.others[other])} {CONSTANT_UNITS[other]} {', '.join(readings)}" if readings else ""
             )
-        if not {"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys():
-            return text
-        return (
-            f"{text}. Trust that of the slump for how high the concrete stands, that of "
-            "the slump flow for how far it runs; no single Bingham mix does both"
+        trust = (
+            ". Trust that of the slump for how high the concrete stands, that of the slump flow for how far it runs; "
+            "no single Bingham mix does both"
         )
+        return text + trust * ({"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys())
 
     def __str__(self):
         lines = self.constant_lines()

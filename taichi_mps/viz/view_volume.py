@@ -44,9 +44,7 @@ def wall_lines(scene, low, high, time):
     mirror images included."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     edges, y = [], 0.5 * (y0 + y1)
-    for wall in scene.walls:
-        if len(scene.vessel) and not np.any(wall.travel):
-            continue  # drawn as glass
+    for wall in (wall for wall in scene.walls if np.any(wall.travel) or not len(scene.vessel)):  # others are glass
         if isinstance(wall, Cylinder):
             edges += [circle + wall.displacement(time) for circle in wall.circles]
         elif isinstance(wall, Solid):
