@@ -362,9 +362,8 @@ def main(argv=None, more=None) -> int:
         raise
     except (SceneError, OSError, ImportError, MemoryError) as error:  # or the disk is full, memory has an end
         text = error if isinstance(error, OSError) else " ".join(str(error).split()) or "out of memory"
-        if str(error) == f"[Errno 2] {os.strerror(2)}":  # of os.getcwd
-            text = "the current folder has been removed; must be one that is there"
-        notify(text)
+        removed = "the current folder has been removed; must be one that is there"
+        notify(removed if str(error) == f"[Errno 2] {os.strerror(2)}" else text)  # of os.getcwd
         return BAD_INPUT
     except KeyboardInterrupt as stopped:
         notify("interrupted")

@@ -152,9 +152,11 @@ def errors_of_run(summary: dict) -> tuple[MixNumbers, float, ModelErrors | None]
         return None
     mix, height = mixes[0], given.get("height")
     bingham = mix.get("law") == "Bingham" and mix["yield_value"] and not mix.get("friction_angle")
-    if not (height and bingham) or mix.get("critical_strain_rate") is not None:
-        return None
-    if any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items()):
+    if (
+        not (height and bingham)
+        or mix.get("critical_strain_rate") is not None
+        or any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items())
+    ):
         return None
     mix = MixNumbers.of(mix["yield_value"], mix["plastic_viscosity"], mix["density"], height)
     error = expected(given.get("model"), given.get("spacing", 0.0) / height, mix)

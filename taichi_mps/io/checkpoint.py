@@ -442,9 +442,10 @@ def read(path) -> Checkpoint:
         arrays = {key: untrusted.numbers(state, key) for key in state}
         header = json.loads(untrusted.text(file, "header"))
         scalars = header.pop("scalars")
-        wrong = [key for key, kind in HEADER.items() if not isinstance(header[key], kind)]
-        if wrong or header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
-            raise ValueError(f"{', '.join(wrong) or 'scheme or state'} is wrong")
+        for key, kind in HEADER.items():
+            untrusted.demand(isinstance(header[key], kind), f"{key} is wrong")
+        whole = scalars.keys() >= SCALARS and not scalars.keys() & arrays.keys()
+        untrusted.demand(header["scheme"] in NUMERICS and whole, "scheme or state is wrong")
         older = KEYS_OF_0_2 & {*header["numerics"], *(scalars["report"] or ())}
         require(not older, f"checkpoint {path}: of version 0.2; version 0.3.0 reads it")
         return Checkpoint(header, {**arrays, **scalars})

@@ -341,18 +341,18 @@ class Trajectory:
                 n == len(scene.fluid) or scene.inlets,
                 f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}",
             )
-            if wall.ndim != 2 or wall.shape[1] != scene.dimension:
-                raise ValueError("wall_x does not hold positions")
+            untrusted.demand(wall.shape[1:] == (scene.dimension,), "wall_x does not hold positions")
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
             low, high = np.array(scene.domain, float)
             room = high - low  # a particle leaves the domain by less than that before the run ends
             defaults = {"size": np.full(n, scene.spacing), **dict.fromkeys(("mix", "grain"), np.zeros(n, np.int32))}
             for time, points, data in stored_outputs(file, chosen):
                 data = defaults | data
-                if points.shape != (n, 3) or any(
-                    values.shape != ((n, 3) if name == "velocity" else (n,)) for name, values in data.items()
-                ):
-                    raise ValueError(f"the output at {time:g} s is incomplete")
+                untrusted.demand(
+                    points.shape == data["velocity"].shape == (n, 3)
+                    and all(values.shape == (n,) for name, values in data.items() if name != "velocity"),
+                    f"the output at {time:g} s is incomplete",
+                )
                 if data["grain"].any() and not scene.grains:
                     warnings.warn(
                         f"{self.path}: of before 0.4.0, does not tell its grains: shown as mortar", stacklevel=2
@@ -360,8 +360,8 @@ class Trajectory:
                 x, sizes = points[:, axes].astype(float), data["size"] / scene.spacing
                 plausible = (sizes == 0.0) | ((sizes > 0.01) & (sizes < 100.0))  # a ring moved far outward is thin
                 fits = sizes.any() and np.all(plausible) and np.all(np.isin(data["mix"], range(len(scene.materials))))
-                if not fits or not np.all((x > low - room) & (x < high + room)):
-                    raise ValueError(f"the output at {time:g} s is not one of this scene")
+                inside = np.all((x > low - room) & (x < high + room))
+                untrusted.demand(fits and inside, f"the output at {time:g} s is not one of this scene")
                 present = sizes > 0.0
                 fields = {key: data[name][present].astype(kind) for key, (name, _, kind) in FIELDS.items()}
                 u = data["velocity"][present][:, axes]
@@ -389,8 +389,8 @@ def output_times(file) -> np.ndarray:
     steps = untrusted.own_member(untrusted.own_member(file, "VTKHDF"), "Steps")
     count = int(steps.attrs["NSteps"])
     found = untrusted.numbers(steps, "Values")[:count]
-    if found.shape != (count,) or not np.all(np.isfinite(found)) or not np.all(np.diff(found) > 0.0):
-        raise ValueError("the times of the outputs do not rise")
+    rise = found.shape == (count,) and np.all(np.isfinite(found)) and np.all(np.diff(found) > 0.0)
+    untrusted.demand(rise, "the times of the outputs do not rise")
     return found
 
 

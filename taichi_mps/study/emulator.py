@@ -74,8 +74,10 @@ class Emulator:
         require_package("scipy", "calibrate and chart need", "calibrate")
         first = rows[0] if rows else {}
         self.scene, self.constants = Path(str(first.get("scene") or "slump")).stem, constants
-        allowed = ", ".join(RESULT_COLUMNS)
-        require(self.scene in RESULT_COLUMNS, f"table: is a study of {self.scene}; must be one of {allowed}")
+        require(
+            self.scene in RESULT_COLUMNS,
+            f"table: is a study of {self.scene}; must be one of {', '.join(RESULT_COLUMNS)}",
+        )
         self.columns = RESULT_COLUMNS[self.scene]
         needed = ["status", *constants, *(column for name, column in self.columns.items() if name != "t500_s")]
         missing = ", ".join(name for name in needed if name not in first)

@@ -157,8 +157,10 @@ def calibrate_row(row: dict[str, str], study=None) -> dict:
     try:
         require(ROW_ERROR not in row, row.pop(ROW_ERROR, ""))
         measured = measurements_of(row)
-        tests = ", ".join(NAMES.values())
-        require(measured.keys() & set(FIELD_OF_RESULT.values()), f"has no measurement, none of {tests}")
+        require(
+            measured.keys() & set(FIELD_OF_RESULT.values()),
+            f"has no measurement, none of {', '.join(NAMES.values())}",
+        )
         used = without_slump(measured) if has_zero_slump(measured) else measured
         found = calibrate(**used, study=study, check=False)
         require(

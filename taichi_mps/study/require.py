@@ -141,8 +141,8 @@ def find_borders(
     """Return the borders of all plastic viscosities and the rows of the runs that found them, which are kept in the
     folder ``out`` and not computed again."""
     low, high = wanted.softest, wanted.stiffest
-    keywords = catalogue.load(scene).parameters.model_fields
-    parameters = ({"fill_ratio": 1.0} if "fill_ratio" in keywords else {}) | parameters | {"until": wanted.time}
+    fills_all = {"fill_ratio": 1.0} if "fill_ratio" in catalogue.load(scene).parameters.model_fields else {}
+    parameters = fills_all | parameters | {"until": wanted.time}
     form = catalogue.build(scene, **parameters)
     require(form.cavity is not None, f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
     ratio = form.parameters.get("fill_ratio", 1.0)

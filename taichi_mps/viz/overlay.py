@@ -55,8 +55,7 @@ class Overlay:
     def rulers(self, low, high, tick) -> None:
         """Draw rulers in cm in the plane through the axis or the middle of the width: along the floor where no body
         hides it, and upright at its left."""
-        y = 0.5 * (low[1] + high[1])
-        corner = np.array([low[0], y, low[2]])
+        corner = np.array([low[0], 0.5 * (low[1] + high[1]), low[2]])
         for axis, zero, side, anchor in ((0, 0.0, (0, 1), "mt"), (2, low[2], (-1, 0), "rm")):
             first, last = (np.array([low[axis], high[axis]]) - zero) / tick
             ticks = np.arange(np.ceil(first - 1e-6), np.floor(last + 1e-6) + 1)
