@@ -60,8 +60,7 @@ class Clock:
         ready = ready if self.cold else math.sqrt(ready * READY[in_space])
         flow = self.cost.cpu_seconds / self.threads**TEAM_EXPONENT + ROW * self.cost.steps
         slowness = imported / IMPORT if imported / IMPORT < MAX_SLOWNESS else 1.0
-        seconds = START, ready, flow, REPORT
-        self.expected = {part: slowness * usual for part, usual in zip(PARTS, seconds, strict=True)}
+        self.expected = dict(zip(PARTS, (slowness * usual for usual in (START, ready, flow, REPORT)), strict=True))
         self.measured = dict.fromkeys(PARTS, 0.0)
         self.part, self.first, self.last_answer = PARTS[0], (0, 0.0), 0.0
         self.begun = self.since = time.monotonic() if begun is None else begun
@@ -77,8 +76,8 @@ class Clock:
     @property
     def cpu_seconds(self) -> float:
         """Processor time in all that is expected before the run [s]."""
-        more = self.threads ** (1.0 - TEAM_EXPONENT) - 1.0  # threads wait for each other
-        return self.whole + self.expected["flow"] * more
+        # threads wait for each other
+        return self.whole + self.expected["flow"] * (self.threads ** (1.0 - TEAM_EXPONENT) - 1.0)
 
     def begin(self, part: str, sim=None) -> None:
         """Note that a part begins, the flow of ``sim`` from its present step on, and so that the one before is over."""
@@ -115,8 +114,11 @@ class Clock:
     def finish(self) -> dict:
         """Entries of summary.json about the time of a run, with that of its other processes."""
         self.begin(PARTS[-1])
-        whole = sum(self.measured.values()), sum(os.times()[:4]) - self.cpu_begun
-        return {"seconds_by_part": self.measured, "all_wall_seconds": whole[0], "all_cpu_seconds": whole[1]}
+        return {
+            "seconds_by_part": self.measured,
+            "all_wall_seconds": sum(self.measured.values()),
+            "all_cpu_seconds": sum(os.times()[:4]) - self.cpu_begun,
+        }
 
 
 def fraction_done(sim, cost, steps: int, time: float) -> float:

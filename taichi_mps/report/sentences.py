@@ -130,9 +130,11 @@ def grains(summary) -> list[str]:
         return []
     sizes = " and ".join(f"{1e3 * size:.3g}" for size in found["diameters_m"])
     taken = f"take {100.0 * found['volume_fraction']:.1f} % of the volume"
-    mortar = "the mix is the mortar between them, not the concrete"
     shape = "" if found.get("shape") in (None, "disc", "sphere") else f" ({found['shape']})"
-    return [f"{found['number']:,} rigid grains{shape} of {sizes} mm {taken}; {mortar}."]
+    return [
+        f"{found['number']:,} rigid grains{shape} of {sizes} mm {taken}; the mix is the mortar between them, not the "
+        "concrete."
+    ]
 
 
 def passing(summary) -> list[str]:

@@ -267,8 +267,9 @@ class Calibration(Mix):
 
     def nearest(self) -> str:
         """Format the differences of the nearest mix from each measurement."""
-        differences = ", ".join(f"{NAMES[name]} {signed(name, by)}" for name, by in self.missed.items())
-        return f"the nearest mix misses: {differences}"
+        return "the nearest mix misses: " + ", ".join(
+            f"{NAMES[name]} {signed(name, by)}" for name, by in self.missed.items()
+        )
 
     @property
     def best(self) -> Mix:

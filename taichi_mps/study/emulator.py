@@ -88,10 +88,10 @@ class Emulator:
             row.get("role") or ("check" if size < sizes[0] else "node") for row, size in zip(done, sizes, strict=True)
         ]
         nodes, checks = ([r for r, it in zip(done, roles, strict=True) if it == role] for role in ("node", "check"))
-        needed = " and ".join(f"3 values of {in_words(name)}" for name in constants)
         require(
             all(len({row[name] for row in nodes}) >= 3 for name in constants),
-            f"table: must hold done cases of at least {needed}",
+            "table: must hold done cases of at least "
+            + " and ".join(f"3 values of {in_words(name)}" for name in constants),
         )
         fields = catalogue.load(self.scene).parameters.model_fields
         self.defaults = {name: field.default for name, field in fields.items()}  # of the scene

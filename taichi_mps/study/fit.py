@@ -51,8 +51,11 @@ class Tables:
     def __init__(self, emulators: list[Emulator], measured: dict, density: float, finer: dict, known: dict):
         self.emulators, self.measured, self.finer = emulators, measured, finer
         low, high = np.max([each.low for each in emulators], 0), np.min([each.high for each in emulators], 0)
-        names = " and ".join(each.scene for each in emulators)
-        require(np.all(low < high), f"table: those of {names} have no mix in common; must be studies that overlap")
+        require(
+            np.all(low < high),
+            f"table: those of {' and '.join(each.scene for each in emulators)} have no mix in common; must be studies "
+            "that overlap",
+        )
         self.scales = {name: float(scale(name, density)) for name in emulators[0].constants}
         at = np.log([known.get(name, divisor) / divisor for name, divisor in self.scales.items()])
         given = np.isin(list(self.scales), list(known))
