@@ -132,8 +132,6 @@ class Workers(Checked):
     )
 
 
-FrictionCoefficient = real("-", ge=0.0, le=10.0)
-GrainsVolume = real("-", gt=0.0, le=0.35)  # as mps.Grains has it
 Caption = Annotated[str, AfterValidator(plain)]
 
 
@@ -159,13 +157,13 @@ class Run(Pictures):
     grains: str | None = Field(
         None, description="diameter of grains in the mortar, 12mm, or a grading by volume, 8mm:0.4+16mm:0.6"
     )
-    grains_volume: Annotated[GrainsVolume | None, Only("grains")] = Field(
+    grains_volume: Annotated[real("-", gt=0.0, le=0.35) | None, Only("grains")] = Field(  # as mps.Grains has it
         None, description="volume of the grains over that of the body"
     )
     grains_density: Annotated[Density | None, Only("grains")] = Field(
         None, description="density of the stone, by default 2650 kg/m3"
     )
-    grains_friction: Annotated[FrictionCoefficient | None, Only("grains")] = Field(
+    grains_friction: Annotated[real("-", ge=0.0, le=10.0) | None, Only("grains")] = Field(
         None, description="coefficient of friction of the grains"
     )
     grains_seed: Annotated[Count | None, Only("grains")] = Field(

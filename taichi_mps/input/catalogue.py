@@ -196,8 +196,9 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords: A
         if type(law) is Bingham and law.yields and law.straight:  # errors were measured for such mixes alone
             mix = MixNumbers.of(law.yield_value, law.plastic_viscosity, law.density, valid.height)
         fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
-        lift_speed = getattr(valid, "lift_speed", None)
-        choice = choose(valid.accuracy, **fixed, mix=mix, height=valid.height, lift_speed=lift_speed)
+        choice = choose(
+            valid.accuracy, **fixed, mix=mix, height=valid.height, lift_speed=getattr(valid, "lift_speed", None)
+        )
         warnings.warn(f"accuracy = {1e3 * valid.accuracy:g} mm: {choice}", stacklevel=3)
         return build(name, material, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     numbers = {name: dict(material).get(name) for name in Concrete.model_fields} if material else {}

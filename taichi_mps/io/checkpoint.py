@@ -9,10 +9,9 @@ import io
 import json
 import os
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -281,15 +280,8 @@ class Checkpoint:
         return sim
 
 
-@runtime_checkable
-class Running(Protocol):
-    """Protocol of a simulation whose state a checkpoint keeps."""
-
-    state: Callable
-
-
 @validated
-def save(sim: InstanceOf[Running], path: File) -> Path:
+def save(sim: Simulation, path: File) -> Path:
     """Write a checkpoint of a simulation.
 
     Parameters
@@ -314,6 +306,7 @@ def save(sim: InstanceOf[Running], path: File) -> Path:
     ...     mps.checkpoint.restore(file).time
     0.0
     """
+    require(hasattr(sim, "state"), f"sim = {quote(sim, '')}: must be a Simulation")
     with writing("path", path):
         return Checkpoint.of(sim).write(path)
 

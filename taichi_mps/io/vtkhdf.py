@@ -19,7 +19,6 @@ from ..input import catalogue
 from ..units import File, SceneError, require, validated
 from . import untrusted_hdf5 as untrusted
 
-OutputNumber = Annotated[int, Field(ge=0, le=10**9)]
 BYTES_PER_PARTICLE, SPARE_BYTES = 64, 1 << 20  # room on the disk for an output: for each particle, and in addition
 HDF5_FORMAT = "v110", "v110"  # with checksums of its structure, without which damage can make HDF5 read for ever
 CHECKSUMMED = {"fletcher32": True, "chunks": True}  # options of a dataset that HDF5 checks when it is read
@@ -307,7 +306,7 @@ class Trajectory:
         self,
         scene_file: File | None = None,
         scene: InstanceOf[Scene] | None = None,
-        chosen: list[OutputNumber] | None = None,
+        chosen: list[Annotated[int, Field(ge=0, le=10**9)]] | None = None,
     ) -> Iterator:
         """Read the outputs one by one.
 

@@ -47,9 +47,13 @@ class RunRecord:
         self.summary = folder.read_summary() if folder.summary.is_file() else {"simulated_seconds": -1.0}
         self.ended = last["time_s"] <= self.summary["simulated_seconds"] * (1.0 + 1e-6)  # else it went on after that
         if not self.ended:
-            mixes = [mix.facts() for mix in self.scene.materials]
-            facts = {"scene": self.scene.name, "parameters": parameters, "materials": mixes}
-            self.summary = facts | {"simulated_seconds": last["time_s"]} | sentences.measures(last)
+            self.summary = {
+                "scene": self.scene.name,
+                "parameters": parameters,
+                "materials": [mix.facts() for mix in self.scene.materials],
+                "simulated_seconds": last["time_s"],
+                **sentences.measures(last),
+            }
 
 
 def write(
@@ -63,8 +67,10 @@ def write(
     run = RunRecord(folder, scene, scene_file)
     run.summary |= {key: text for key, text in (("title", title), ("note", note)) if text}
     shown, last = film_data(Trajectory(folder.trajectory), run.scene, run.history)
-    names = ("page.html", "page.css", "charts.js", "viewer.js", "film.js", "page.js")
-    template, style, *scripts = ((PAGE_PARTS / name).read_text(encoding="utf-8") for name in names)
+    template, style, *scripts = (
+        (PAGE_PARTS / name).read_text(encoding="utf-8")
+        for name in ("page.html", "page.css", "charts.js", "viewer.js", "film.js", "page.js")
+    )
     texts = page_texts(run, shown) | dict(zip(("charts", "viewer", "film", "page"), scripts, strict=True))
     data = json.dumps(drawings(run, shown, last), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     finish()

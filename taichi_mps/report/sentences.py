@@ -22,7 +22,6 @@ from ..io.history import COLUMNS
 from ..units import plain
 from .verdict import verdict
 
-OTHER_ERRORS = " Scatter of the test and uncertainty of the constants are extra."
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
 EXPECTED = "_expected_error_m"  # end of the name of the error of a result
 MEASURED = "slump_m", "spread_m"  # measures that are columns of every history
@@ -180,7 +179,8 @@ def certainty(summary) -> str:
     return (
         f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump flow within "
         f"{2e3 * height * error.reach:.0f} mm of the exact flow of this mix: measured for mixes and particle sizes "
-        f"around this one, beside the project's own finite elements{lifted}.{OTHER_ERRORS}"
+        f"around this one, beside the project's own finite elements{lifted}. Scatter of the test and uncertainty of "
+        "the constants are extra."
     )
 
 

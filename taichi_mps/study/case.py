@@ -63,8 +63,13 @@ def code_digest() -> str:
 
 def row_without_result(case: Case, status: str, reason) -> dict:
     """Return the row of a case that gave no result, with the reason on one line."""
-    words = " ".join(str(reason).split())
-    return {"key": case.key, "status": status, "reason": words, "scene": case.scene, **case.parameters}
+    return {
+        "key": case.key,
+        "status": status,
+        "reason": " ".join(str(reason).split()),
+        "scene": case.scene,
+        **case.parameters,
+    }
 
 
 def run_case(case: Case, samples: int = 0) -> dict:

@@ -99,8 +99,15 @@ class Overlay:
     def write(self, at, text, size=17, colour=INK, anchor="la", halo=0) -> None:
         """Write text, its size in pixels of a picture 720 high; ``halo``: width of the background around it."""
         paper = tuple(int(255 * part) for part in BACKGROUND)
-        options = {"stroke_width": round(halo * self.unit), "stroke_fill": paper}
-        self.pen.text(tuple(at), text, fill=colour, font=font(size * self.unit), anchor=anchor, **options)
+        self.pen.text(
+            tuple(at),
+            text,
+            fill=colour,
+            font=font(size * self.unit),
+            anchor=anchor,
+            stroke_width=round(halo * self.unit),
+            stroke_fill=paper,
+        )
 
 
 @cache
