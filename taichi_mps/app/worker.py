@@ -180,8 +180,11 @@ def measures_by_table(scene) -> dict | None:
     if scene.name not in RESULT_COLUMNS or not find_spec("scipy") or type(mix) is not Bingham or not mix.yields:
         return None
     table = emulator_of(test=scene.name)
-    vessel = {key: known[key] for key in table.defaults if key not in (*Concrete.model_fields, *OTHER_KEYWORDS)}
-    if any(value != table.settings.get(key, table.defaults[key]) for key, value in vessel.items()):
+    if any(
+        known[key] != table.settings.get(key, default)
+        for key, default in table.defaults.items()
+        if key not in (*Concrete.model_fields, *OTHER_KEYWORDS)
+    ):
         return None
     with suppress(SceneError):  # a mix beyond the table
         estimates = table.at(*np.log([getattr(mix, name) / mix.density for name in BINGHAM]))

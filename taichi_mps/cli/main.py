@@ -340,9 +340,14 @@ def main(argv=None, more=None) -> int:
     try:
         known = commands(*argv[:1]) | (more or {})
         if not argv or argv[0] in ("-h", "--help"):
-            each = [f"  {name:9} {command.__doc__}" for name, command in known.items()]
-            example = "example: taichi-mps run slump --yield-stress 500; its result is renders/slump/report.html"
-            say("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *each, "", example]))
+            lines = [
+                "usage: taichi-mps COMMAND ... [--help]",
+                "",
+                *(f"  {name:9} {command.__doc__}" for name, command in known.items()),
+                "",
+                "example: taichi-mps run slump --yield-stress 500; its result is renders/slump/report.html",
+            ]
+            say("\n".join(lines))
             return DONE if argv else BAD_INPUT
         if argv[0] == "--version":
             say(__version__)

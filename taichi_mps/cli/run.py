@@ -49,8 +49,7 @@ def make_clock(problem, options):
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     settings = {"precision": options.precision, "threads": options.threads or cores}
-    begun = program_start[0] if program_start else None
-    return Clock(problem, settings, options.every or problem.usual_interval, begun, IMPORTED)
+    return Clock(problem, settings, options.every or problem.usual_interval, next(iter(program_start), None), IMPORTED)
 
 
 def describe_run(problem, clock, verbose=False) -> list[str]:
@@ -66,8 +65,13 @@ def describe_run(problem, clock, verbose=False) -> list[str]:
     pours = f"Pours {1e3 * sum(inlet.volume for inlet in scene.inlets):.3g} l. " if scene.inlets else ""
     parts = f"{duration_by_part(clock.expected, clock.cpu_seconds)}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps"
     takes = f"Takes about {parts if verbose else duration_text(clock.whole)}{'; shorter the next time' * clock.cold}."
-    notices = [certainty(facts), *thin_solids(facts), *grains(facts)]
-    return [f"{what}; about {needed} of memory.", pours + takes, *notices]
+    return [
+        f"{what}; about {needed} of memory.",
+        pours + takes,
+        certainty(facts),
+        *thin_solids(facts),
+        *grains(facts),
+    ]
 
 
 def require_slump(scene) -> None:

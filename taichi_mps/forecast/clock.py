@@ -102,13 +102,12 @@ class Clock:
         else:
             left += max(expected - here, REMAINING_FRACTION * here)
         rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
-        end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
         return {
             "passed_s": passed,
             "left_s": left,
             "fraction": passed / (passed + left),
             "time_s": sim.time,
-            "end_s": end,
+            "end_s": max(sim.time, min(sim.scene.until, rest or self.cost.end)),
         }
 
     def finish(self) -> dict:

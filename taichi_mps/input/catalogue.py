@@ -195,9 +195,12 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords: A
         mix, law = None, scene.material
         if type(law) is Bingham and law.yields and law.straight:  # errors were measured for such mixes alone
             mix = MixNumbers.of(law.yield_value, law.plastic_viscosity, law.density, valid.height)
-        fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
         choice = choose(
-            valid.accuracy, **fixed, mix=mix, height=valid.height, lift_speed=getattr(valid, "lift_speed", None)
+            valid.accuracy,
+            **{key: getattr(valid, key) for key in ("model", "spacing") if key in keywords},
+            mix=mix,
+            height=valid.height,
+            lift_speed=getattr(valid, "lift_speed", None),
         )
         warnings.warn(f"accuracy = {1e3 * valid.accuracy:g} mm: {choice}", stacklevel=3)
         return build(name, material, **{**keywords, "model": choice.model, "spacing": choice.spacing})

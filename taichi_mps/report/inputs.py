@@ -63,9 +63,9 @@ def command(source: str, summary: dict, every: float | None = None, until: float
         **{key: summary["backend"][key] for key in ("arch", "precision")},
         **({} if until is None else {"until": float(f"{until:.9g}")}),
     }
-    given = {key: value for key, value in options.items() if value not in (None, "") and key not in OMITTED}
-    words = [option(key, value, options) for key, value in given.items()
-            if (value != defaults[key] if key in defaults else value is not False)]  # fmt: skip
+    words = [option(key, value, options) for key, value in options.items()
+            if value not in (None, "") and key not in OMITTED
+            and (value != defaults[key] if key in defaults else value is not False)]  # fmt: skip
     return shlex.join(["run", source if source in catalogue.names() else Path(source).name, *words])
 
 

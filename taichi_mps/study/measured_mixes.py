@@ -69,8 +69,10 @@ def field_and_unit(column: str) -> tuple[str | None, str]:
 def hint(column: str) -> str:
     """Format the name of a column that is no measurement, with what it is or with a similar name that is one."""
     key = key_of(re.sub(r"[\[(].*", "", column))
-    similar = suggestion(key, FIELDS.keys() - {key}).removeprefix(", ")
-    reason = next((reason for name, reason in OTHER_TESTS.items() if key.startswith(name)), similar)
+    reason = next(
+        (reason for name, reason in OTHER_TESTS.items() if key.startswith(name)),
+        suggestion(key, FIELDS.keys() - {key}).removeprefix(", "),
+    )
     return f"'{column}'" + (f" ({reason})" if reason else "")
 
 
@@ -101,11 +103,14 @@ def read_list(path: File) -> list[dict[str, str]]:
 
 def with_units_of_first_row(rows: list[dict[str, str]]) -> list[dict[str, str]]:
     """Return the rows with the units of a row of its own, below the header, in the names of the columns."""
-    cells, names = {name: cell.strip("[]() ") for name, cell in rows[0].items() if name and cell}, {}
+    cells = {name: cell.strip("[]() ") for name, cell in rows[0].items() if name and cell}
     with suppress(SceneError):  # for a cell that is no unit
-        for name, cell in cells.items():
-            field, unit = field_and_unit(name)
-            names |= {name: f"{name} [{cell}]"} if field and not unit else {}
+        names = {
+            name: f"{name} [{cell}]"
+            for name, cell in cells.items()
+            for field, unit in [field_and_unit(name)]
+            if field and not unit
+        }
         are_units = names and all(field_and_unit(name)[1] for name in names.values())
         if len(rows) > 1 and are_units and rows[0].keys().isdisjoint(names.values()):
             return [{names.get(name, name): cell for name, cell in row.items()} for row in rows[1:]]
@@ -121,11 +126,12 @@ def unused(rows: list[dict[str, str]]) -> str:
 
 def measurements_of(row: dict[str, str]) -> dict[str, str]:
     """Return the measurements of a row as text, with their own unit or that of their column."""
-    found = {}
-    for column, value in row.items():
-        field, unit = field_and_unit(column)
-        if field and value and value.strip().casefold() not in NOT_MEASURED:
-            found[field] = f"{value} {unit * without_unit(value)}".strip()
+    found = {
+        field: f"{value} {unit * without_unit(value)}".strip()
+        for column, value in row.items()
+        for field, unit in [field_and_unit(column)]
+        if field and value and value.strip().casefold() not in NOT_MEASURED
+    }
     return {name: value for name, value in found.items() if name.removesuffix("_error") in found}
 
 

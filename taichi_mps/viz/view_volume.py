@@ -87,6 +87,12 @@ def dimensions(scene, measures, low, high, front) -> list[dict]:
     found = []
     for key in lines.keys() & {key for key, length in measures.items() if least < length < np.inf}:
         a, b, side = lines[key](measures[key])
-        text = f"{title(key)} {written(key, measures[key])}"
-        found.append({"a": [*map(float, a)], "b": [*map(float, b)], "near": float(side), "text": text})
+        found.append(
+            {
+                "a": [*map(float, a)],
+                "b": [*map(float, b)],
+                "near": float(side),
+                "text": f"{title(key)} {written(key, measures[key])}",
+            }
+        )
     return sorted(found, key=lambda one: one["text"])
