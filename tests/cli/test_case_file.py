@@ -89,6 +89,15 @@ def test_a_case_of_a_scene_of_ones_own_names_its_file_from_where_the_case_lies(t
         ("scene = 'slump'\n[expert]\nscheme = 'newest'", "scheme = newest: must be 'implicit' or 'semi-implicit'"),
         ("scene = 'slump'\n[output]\nout = 'here'", "unknown key 'out'"),
         ("scene = = 3", "is no TOML"),
+        ("scene = 'slump'\n[output]\nplots = true", "key 'plots': report.html draws .*; version 0.3.0 reads a case of"),
+        (
+            "scene = 'slump'\n[expert]\nrenderer = 'software'",
+            "key 'renderer': .*; version 0.3.0 reads a case of version",
+        ),
+        (
+            "scene = 'film'\n[expert]\nscheme = 'semi-implicit'\nsource = 'mixed'\ngradient = 'smallest'",
+            "key 'source': the scheme semi-implicit has two forms.*; version 0.3.0 reads a case of version 0.2",
+        ),
     ],
 )
 def test_what_is_no_case_is_refused_in_one_line(tmp_path, text, message):
