@@ -88,12 +88,8 @@ class Page:
             parts = self.forecast_process.ask({"test": query.test, "values": query.values}, FORECAST_TIMEOUT)
             return [part async for part in parts][-2]  # the last one says that the answer ends
         except TimeoutError:
-            return {
-                "wrong": {
-                    "spacing": f"spacing: this scene could not be tried within {FORECAST_TIMEOUT:g} s; make it coarser "
-                    "or smaller"
-                }
-            }
+            text = f"this scene could not be tried within {FORECAST_TIMEOUT:g} s; make it coarser or smaller"
+            return {"wrong": {"spacing": f"spacing: {text}"}}
 
     async def preview(self, query: Query):
         """Yield the pictures and the result of a mix."""

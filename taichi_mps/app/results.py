@@ -179,8 +179,11 @@ class Runs:
         """Comparison of runs: keywords that differ, results, and curves."""
         folders = list(map(self.named, query.names))
         known = {text_of(folder.path.name): summary for folder in folders if (summary := summary_of(folder))}
-        lines = [[text_of(cell) for cell in line] for line in beside(list(known.values()))][:MAX_LINES]
-        return {"head": list(known), "lines": lines, "curves": list(map(curves, folders))}
+        return {
+            "head": list(known),
+            "lines": [[text_of(cell) for cell in line] for line in beside(list(known.values()))[:MAX_LINES]],
+            "curves": list(map(curves, folders)),
+        }
 
     # ---- changes -----------------------------------------------------------------------------------------------
     def resume(self, query) -> None:

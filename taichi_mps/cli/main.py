@@ -360,8 +360,8 @@ def main(argv=None, more=None) -> int:
         logging.getLogger(__package__).parent.setLevel("INFO" if sys.stderr.isatty() else "WARNING")
         with warnings.catch_warnings():  # a warning is a line and never ends a run, whatever PYTHONWARNINGS says
             warnings.filters = [each for each in warnings.filters if each[0] != "error"]
-            once = cache(lambda line: print(line, file=sys.stderr))  # not for each case of a study
-            warnings.showwarning = lambda message, *_: once(f"taichi-mps: {plain(message)}")
+            once = cache(notify)  # not for each case of a study
+            warnings.showwarning = lambda message, *_: once(str(message))
             return known[argv[0]](argv[1:])
     except (BrokenPipeError, OutputError):
         raise

@@ -50,8 +50,11 @@ def verdicts(summary: dict) -> list[str]:
 
 def closing(summary: dict, folder) -> list[str]:
     """Sentences on the cost of a run, and on what lies in its folder."""
-    page = ["Open report.html there: film, curves and all numbers on one page."]
-    shown = page if (Path(folder) / "report.html").is_file() else []
+    shown = (
+        ["Open report.html there: film, curves and all numbers on one page."]
+        if (Path(folder) / "report.html").is_file()
+        else []
+    )
     return [cost(summary), f"Pictures and results lie in {plain(folder)}.", *shown]
 
 
