@@ -161,13 +161,11 @@ def decimal_point(digits: str) -> str:
     ValueError for text that is no number; AmbiguousError for 1,000, which is 1.000 or 1000.
     """
     marks = re.sub(r"\d", "", digits)
-    whole, mark, part = digits, "", ""
-    if marks[-1:] in tuple(".,") and marks.count(marks[-1]) == 1:
-        whole, mark, part = digits.rpartition(marks[-1])
+    has_point = marks[-1:] in tuple(".,") and marks.count(marks[-1]) == 1
+    whole, mark, part = digits.rpartition(marks[-1]) if has_point else (digits, "", "")
     if marks == "," and re.fullmatch(r"[1-9]\d{0,2},\d{3}", digits):
         raise AmbiguousError(f"is {whole}.{part} or {whole}{part}; must be written without a comma")
-    grouped = re.fullmatch(r"\d*|[1-9]\d{0,2}(?:([.,'_])\d{3})(?:\1\d{3})*", whole)
-    if not grouped or (mark == "," and not part):
+    if not re.fullmatch(r"\d*|[1-9]\d{0,2}(?:([.,'_])\d{3})(?:\1\d{3})*", whole) or (mark == "," and not part):
         raise ValueError("no number")
     return (re.sub(r"\D", "", whole) or "0") + (f".{part}" if part else "")
 

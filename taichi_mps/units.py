@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from contextlib import contextmanager
 from functools import cache, partial, wraps
+from importlib.util import find_spec
 from pathlib import Path
 from typing import (
     TYPE_CHECKING,
@@ -82,6 +83,11 @@ def require(holds, message: str) -> None:
         raise SceneError(message)
 
 
+def require_package(name: str, what: str, extra: str, instead: str = "") -> None:
+    """Raise SceneError, which says ``what`` needs it, unless a package of an ``extra`` of this one is installed."""
+    require(find_spec(name.replace("-", "_")), f"{what} {name}: pip install 'taichi-mps[{extra}]'{instead}")
+
+
 def user_path(path) -> Path:
     """Return the path that a user wrote, a leading ~ expanded to the home folder.
 
@@ -148,8 +154,7 @@ def plain(text) -> str:
     Control characters, but for line ends, and what is no character are shown as codes.
     """
     whole = str(text).encode("utf-8", "backslashreplace").decode()
-    shown = (c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in whole)
-    return "".join(shown)
+    return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in whole)
 
 
 class Unit(str):
@@ -172,29 +177,29 @@ class Only(NamedTuple):
         """Return what is allowed instead where the other keyword has this value, '' where all is well."""
         if isinstance(self.values, tuple):
             return "" if value in self.values else f"must be left out, or {self.key} = {' or '.join(self.values)}"
-        if bool(value) == self.values:
-            return ""
-        return f"has no effect with{'out' * self.values} {self.key}; must be left out"
+        why = f"has no effect with{'out' * self.values} {self.key}; must be left out"
+        return "" if bool(value) == self.values else why
 
 
 def no_number_in_disguise(value):
     """Return a value; ValueError for what Python takes for a number and is none: a truth value, bytes, an array."""
-    if isinstance(value, bool | np.bool_ | bytes | bytearray) or (isinstance(value, np.ndarray) and value.ndim):
-        raise ValueError("must be a number")
+    require(
+        not isinstance(value, bool | np.bool_ | bytes | bytearray)
+        and not (isinstance(value, np.ndarray) and value.ndim),
+        "must be a number",
+    )
     return value
 
 
 def possible(path: Path, named=False) -> Path:
     """Return a path; ValueError for one that no file can have, and where a name is needed for '' and '.', a folder."""
-    if "\0" in str(path) or (named and not path.name):
-        raise ValueError("must be the path of a file")
+    require("\0" not in str(path) and (path.name or not named), "must be the path of a file")
     return user_path(path)
 
 
 def picture(path: Path) -> Path:
     """Return the path of a picture; ValueError for a file of another kind, which might be something else."""
-    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise ValueError("must be a picture, .png, .svg or .pdf")
+    require(path.suffix.lower() in (".png", ".svg", ".pdf"), "must be a picture, .png, .svg or .pdf")
     return path
 
 
@@ -205,8 +210,7 @@ def absolute(path: str) -> str:
 
 def truth(value):
     """Return a truth value of NumPy as Python's, anything else as it is; ValueError for bytes."""
-    if isinstance(value, bytes):
-        raise ValueError("must be True or False")
+    require(not isinstance(value, bytes), "must be True or False")
     return bool(value) if isinstance(value, np.bool_) else value
 
 
@@ -229,8 +233,8 @@ def array(unit, *shapes, kind=np.asarray, gaps=False):
             len(shape) == found.ndim and all(k in (None, n) for k, n in zip(shape, found.shape, strict=True))
             for shape in shapes
         )
-        if found.dtype.kind == "O" or not fits or not np.all(np.isfinite(found) | (gaps & np.isnan(found))):
-            raise ValueError(f"must be finite numbers of the shape {words}")
+        numbers = found.dtype.kind != "O" and np.all(np.isfinite(found) | (gaps & np.isnan(found)))
+        require(fits and numbers, f"must be finite numbers of the shape {words}")
         return value if kind is tuple and isinstance(value, tuple) else kind(found.tolist() if kind is tuple else found)
 
     return Annotated[Any, BeforeValidator(read), Unit(unit)]
@@ -240,9 +244,8 @@ def instance(kind, words: str, several=False):
     """Annotate an object of a class, or a tuple of ``several``, with what a message calls it."""
 
     def read(value):
-        sound = isinstance(value, tuple | list) if several else isinstance(value, kind)
-        if not sound or (several and not all(isinstance(item, kind) for item in value)):
-            raise ValueError(f"must be {words}")
+        items = value if several else [value]
+        require(isinstance(items, tuple | list) and all(isinstance(item, kind) for item in items), f"must be {words}")
         return value
 
     return Annotated[Any, BeforeValidator(read)]
@@ -263,8 +266,7 @@ INSTANT = 1e-9  # [s]: times closer to each other are one and the same, and no s
 
 def at_least(least: float, unit: str, value: float) -> float:
     """Return a number; ValueError for one below the least, of which bounds of pydantic would say another thing."""
-    if value < least:
-        raise ValueError(f"must be at least {least:g} {unit}")
+    require(value >= least, f"must be at least {least:g} {unit}")
     return value
 
 
@@ -274,10 +276,10 @@ DENSITY_HINT = "2300 for 2.3 t/m3"
 
 def no_metal(arch):
     """Refuse Metal; other values are left to those that check them."""
-    if arch == "metal":
-        raise ValueError(
-            "must be cpu, cuda or vulkan; Metal has no 64-bit floats, which positions need: use cpu on a Mac"
-        )
+    require(
+        arch != "metal",
+        "must be cpu, cuda or vulkan; Metal has no 64-bit floats, which positions need: use cpu on a Mac",
+    )
     return arch
 
 
@@ -354,8 +356,8 @@ class Checked(BaseModel):
         except ValidationError as error:
             raise SceneError(explain(error, type(self))) from None
         for name, allowed in self.without_effect(vars(self)).items():
-            value = quote(vars(self)[name], unit_of(type(self).model_fields[name]).strip("-"))
-            raise SceneError(f"{name} = {value}: {allowed}")
+            unit = unit_of(type(self).model_fields[name]).strip("-")
+            raise SceneError(f"{name} = {quote(vars(self)[name], unit)}: {allowed}")
 
     @classmethod
     def without_effect(cls, values: dict) -> dict[str, str]:
@@ -428,9 +430,8 @@ def explain(error: ValidationError, model: type[Checked]) -> dict[str, str]:
             kind, allowed = "length", f"must be {len(get_args(model.model_fields[key].annotation))} values"
         elif kind.startswith(("greater", "less")):
             allowed += (f" {unit}" if unit else "") + (f" ({known.hint})" if known.hint else "")
-            most = next((item["ctx"][key] for key in ("le", "lt") if key in item["ctx"]), None)
-            if unit == "m" and most is not None:
-                allowed += in_smaller_unit(float(item["input"]), most)
+            most = next((item["ctx"][key] for key in ("le", "lt") if key in item["ctx"]), -np.inf)
+            allowed += in_smaller_unit(float(item["input"]), most) if unit == "m" else ""
         elif allowed.endswith(OF_THAT_KIND) and known.hint:
             allowed += f" ({known.hint})"
         shown = " ".join(str(item["input"])[:1000].split())[:MAX_CHARACTERS] or "''"  # on one line
@@ -495,9 +496,8 @@ def checked(function: Callable[..., T]) -> Callable[..., T]:
     records = {name: p.annotation for name, p in arguments.items() if hasattr(p.annotation, "from_values")}
     fields = {}
     for name, parameter in arguments.items():
-        new = {name: (parameter.annotation, ... if parameter.default is parameter.empty else parameter.default)}
-        if name in records:
-            new = options_of(parameter.annotation, parameter.default)
+        own = parameter.annotation, ... if parameter.default is parameter.empty else parameter.default
+        new = options_of(parameter.annotation, parameter.default) if name in records else {name: own}
         if duplicates := sorted(fields.keys() & new.keys()):
             raise TypeError(f"{function.__name__}: {duplicates[0]} is declared twice")
         fields |= new
@@ -556,11 +556,10 @@ def validated(target: T) -> T:
             bound = signature.bind(*positional, **keywords)
         except TypeError:
             return target(*positional, **keywords)  # raises the message of Python
-        known, given = model().model_fields, bound.arguments
         given = {
             key: value
-            for key, value in given.items()
-            if key in known and value is not signature.parameters[key].default
+            for key, value in bound.arguments.items()
+            if key in model().model_fields and value is not signature.parameters[key].default
         }
         valid = model()(**given)
         bound.arguments |= {key: getattr(valid, key) for key, value in given.items() if type(value) is not int}
@@ -577,6 +576,8 @@ def options_of(record: type[Checked], default) -> dict:
     """
     hints = get_type_hints(record, include_extras=True) | getattr(record, "options", {})
     fields = {name: field for name, field in record.model_fields.items() if field.annotation is not type(None)}
-    usual = dict(default) if isinstance(default, Checked) else {name: field.default for name, field in fields.items()}
-    values = {name: usual.get(name, field.default) for name, field in fields.items()}
-    return {name: (hints[name], Field(values[name], description=field.description)) for name, field in fields.items()}
+    usual = dict(default) if isinstance(default, Checked) else {}
+    return {
+        name: (hints[name], Field(usual.get(name, field.default), description=field.description))
+        for name, field in fields.items()
+    }

@@ -1,12 +1,11 @@
 """The command app of the command line."""
 
 import re
-from importlib.util import find_spec
 
 from pydantic import Field
 
 from ..cli.options import DONE, command, given
-from ..units import Checked, plain, require
+from ..units import Checked, plain, require, require_package
 
 PORT = 8100
 
@@ -27,10 +26,12 @@ class App(Checked):
 def app(arguments) -> int:
     """a page in the browser to set up, watch and compare runs"""
     options = App(**given(arguments, App))
-    known = re.fullmatch(r"[A-Za-z0-9._~-]*", options.token or "")
-    require(known, f"token = {plain(options.token)}: must be of letters, digits and . _ ~ -, as an address holds them")
+    require(
+        re.fullmatch(r"[A-Za-z0-9._~-]*", options.token or ""),
+        f"token = {plain(options.token)}: must be of letters, digits and . _ ~ -, as an address holds them",
+    )
     for name in ("starlette", "uvicorn"):
-        require(find_spec(name), f"app needs {name}: pip install 'taichi-mps[app]'")
+        require_package(name, "app needs", "app")
     from .server import serve
 
     serve(options.port, options.folder, not arguments.no_browser, options.token)

@@ -32,12 +32,17 @@ def wrong(error: Exception) -> dict[str, str]:
 
 def tests() -> list[dict]:
     """List of all tests: name, description, keywords of its preview or None, fields by scheme; slump first."""
-    entries = []
-    for name, text in sorted(catalogue.describe().items(), key=lambda item: item[0] != "slump"):
-        function = catalogue.load(name)
-        fields = {scheme: fields_of(keywords(function, numerics)) for scheme, numerics in NUMERICS.items()}
-        entries.append({"name": name, "help": text, "preview": PREVIEW_MODELS.get(name), "fields": fields})
-    return entries
+    descriptions = sorted(catalogue.describe().items(), key=lambda item: item[0] != "slump")
+    functions = {name: catalogue.load(name) for name, _ in descriptions}
+    return [
+        {
+            "name": name,
+            "help": text,
+            "preview": PREVIEW_MODELS.get(name),
+            "fields": {scheme: fields_of(keywords(functions[name], numerics)) for scheme, numerics in NUMERICS.items()},
+        }
+        for name, text in descriptions
+    ]
 
 
 def fields_of(known: dict) -> list[dict]:

@@ -21,7 +21,6 @@ from .resident import Resident
 from .results import Runs, facts_of
 
 FORECAST_TIMEOUT = 60.0  # for one forecast [s]
-TOO_LONG = f"this scene could not be tried within {FORECAST_TIMEOUT:g} s; make it coarser or smaller"
 MAX_TEXT_LENGTH = 100  # characters in a field of the form
 MEASURE = {  # measurements that determine a constant which a calibration could not find
     "yield_value": {"slump_m": "the slump", "spread_m": "the slump flow"},
@@ -89,7 +88,8 @@ class Page:
             parts = self.forecast_process.ask({"test": query.test, "values": query.values}, FORECAST_TIMEOUT)
             return [part async for part in parts][-2]  # the last one says that the answer ends
         except TimeoutError:
-            return {"wrong": {"spacing": f"spacing: {TOO_LONG}"}}
+            text = f"this scene could not be tried within {FORECAST_TIMEOUT:g} s; make it coarser or smaller"
+            return {"wrong": {"spacing": f"spacing: {text}"}}
 
     async def preview(self, query: Query):
         """Yield the pictures and the result of a mix."""
@@ -175,10 +175,9 @@ def verdict(facts: dict) -> str:
     intervals, or why there are none, and what to measure besides."""
     friction = "friction_angle" in facts["mix"]
     if facts["misfit"] > MAX_MISFIT and not friction:
-        alone = facts["alone"].get("yield_value", {}).items()
         statements = [
             f"the {NAMES[name]} alone says {Constant(*it, 0.0, 0.0, 'Pa').value_or_bound()}"
-            for name, it in alone
+            for name, it in facts["alone"].get("yield_value", {}).items()
             if name != RHEOMETER
         ]
         ends = [rounded(facts["yield_value"][end], 2) for end in ("low", "high")]

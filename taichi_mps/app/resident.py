@@ -18,7 +18,6 @@ MAX_LINE_BYTES = 2**24  # of an answer
 # of a child: Ctrl-C in the terminal of the server does not reach it. Windows has groups of processes for sessions
 OWN_SESSION = {"start_new_session": True, "creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
 RESTARTED = "The process of the previews had ended; it was started again."
-ENDS_EACH_TIME = "The process of the previews ends each time it is asked for this: "  # and its last words
 
 
 class Resident:
@@ -66,8 +65,8 @@ class Resident:
                 await self.process.wait()
                 yield {"remark": RESTARTED}
         self.messages.seek(0)
-        last = self.messages.read().decode("utf-8", "replace").rstrip().rpartition("\n")[2]
-        yield {"wrong": ENDS_EACH_TIME + (last or "it was killed"), "end": True}
+        last = self.messages.read().decode("utf-8", "replace").rstrip().rpartition("\n")[2] or "it was killed"
+        yield {"wrong": f"The process of the previews ends each time it is asked for this: {last}", "end": True}
 
     @property
     def alive(self) -> bool:

@@ -105,12 +105,10 @@ def row(folder: RunFolder) -> dict:
     try:
         summary, picture = summary_of(folder), newest_picture(folder)
         sizes = (os.lstat(os.path.join(at, name)).st_size for at, _, names in os.walk(folder.path) for name in names)
-        facts |= {"size": sum(sizes), "runs": bool(lock.writer(folder.path))}
+        report = f"/report/{quote(os.fsencode(folder.path.name), '')}" if folder.report.is_file() else None
+        facts |= {"size": sum(sizes), "runs": bool(lock.writer(folder.path)), "report": report}
         facts["resumable"] = folder.resumable and not facts["runs"] and summary.get("stopped_by") in RESUMABLE_ENDS
-        if picture:
-            facts["picture"] = url(folder, str(picture.relative_to(folder.path)))
-        if folder.report.is_file():
-            facts["report"] = f"/report/{quote(os.fsencode(folder.path.name), '')}"
+        facts["picture"] = picture and url(folder, str(picture.relative_to(folder.path)))
         if not summary:
             return facts | {"end": "" if facts["runs"] else f"It {NO_SUMMARY}."}
         words = {
@@ -142,12 +140,13 @@ class Runs:
 
     def rows(self) -> list[dict]:
         """Rows of the list; a row is updated when its run has changed."""
-        rows = {}
-        for folder in self.folders(self.queue.folder):
-            key = folder.path, written_at(folder), lock.writer(folder.path)
-            rows[key] = self.known[key] if key in self.known and not key[2] else row(folder)
-        self.known = rows
-        return list(rows.values())
+        found = self.folders(self.queue.folder)
+        keys = [(folder.path, written_at(folder), lock.writer(folder.path)) for folder in found]
+        self.known = {
+            key: self.known[key] if key in self.known and not key[2] else row(folder)
+            for key, folder in zip(keys, found, strict=True)
+        }
+        return list(self.known.values())
 
     def named(self, name: str, place: Path | None = None) -> RunFolder:
         """Run folder by its name; SceneError if there is none."""
@@ -180,8 +179,11 @@ class Runs:
         """Comparison of runs: keywords that differ, results, and curves."""
         folders = list(map(self.named, query.names))
         known = {text_of(folder.path.name): summary for folder in folders if (summary := summary_of(folder))}
-        lines = [[text_of(cell) for cell in line] for line in beside(list(known.values()))][:MAX_LINES]
-        return {"head": list(known), "lines": lines, "curves": list(map(curves, folders))}
+        return {
+            "head": list(known),
+            "lines": [[text_of(cell) for cell in line] for line in beside(list(known.values()))[:MAX_LINES]],
+            "curves": list(map(curves, folders)),
+        }
 
     # ---- changes -----------------------------------------------------------------------------------------------
     def resume(self, query) -> None:
@@ -195,8 +197,10 @@ class Runs:
     def rename(self, query) -> None:
         """Give a run another name."""
         to = query.to.strip()
-        good = to and plain(to) == to and not set(to) & set('/\\:*?"<>|\n') and to[0] != "." and len(to) <= 100
-        require(good, f'name = {plain(to)}: must be the name of a folder, without a dot before and / \\ : * ? " < > |')
+        require(
+            to and plain(to) == to and not set(to) & set('/\\:*?"<>|\n') and to[0] != "." and len(to) <= 100,
+            f'name = {plain(to)}: must be the name of a folder, without a dot before and / \\ : * ? " < > |',
+        )
         require(not os.path.lexists(self.queue.folder / to), f"name = {to}: is there already; must be another")
         self.move(self.named(*query.names[:1]), self.queue.folder / to)
 
@@ -234,12 +238,12 @@ class Runs:
 
 def numbers(measures: dict) -> dict:
     """Measures by key: value or None, value as text, and name."""
-    shown = {}
-    for key, value in measures.items():
-        if is_measure(key) and not key.endswith(EXPECTED):
-            there = value is not None and math.isfinite(value)
-            shown[key] = [value if there else None, written(key, value) if there else "not reached", title(key)]
-    return shown
+    known = {key: value for key, value in measures.items() if is_measure(key) and not key.endswith(EXPECTED)}
+    reached = {key for key, value in known.items() if value is not None and math.isfinite(value)}
+    return {
+        key: [value, written(key, value), title(key)] if key in reached else [None, "not reached", title(key)]
+        for key, value in known.items()
+    }
 
 
 def facts_of(number: int, job: Job) -> dict:

@@ -11,7 +11,6 @@ import sys
 import warnings
 from contextlib import redirect_stderr, suppress
 from dataclasses import replace
-from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -141,7 +140,7 @@ def preview(request: dict, tell, cancelled) -> None:
         tell(wrong=plain(error))
         return
     for scene in scenes:
-        film = Film(begin(scene, partial(tell, preparing=True), MAX_KEPT), tell, cancelled)
+        film = Film(begin(scene, lambda: tell(preparing=True), MAX_KEPT), tell, cancelled)
         ended = film.run()
         if not cancelled():
             tell(result=film.result() | {"ended": ended, "last": scene is scenes[-1]})
@@ -161,8 +160,10 @@ def forecast(words: list[str]) -> dict:
             require_memory(problem, pairs_of(problem.scene), run.precision)
     except (SceneError, ImportError) as error:  # ImportError: pint, which numbers with a unit need
         return {"wrong": wrong(error)}
-    remarks = [line.removeprefix("taichi-mps: ") for line in messages.getvalue().splitlines()]
-    remarks += dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning)
+    remarks = [
+        *(line.removeprefix("taichi-mps: ") for line in messages.getvalue().splitlines()),
+        *dict.fromkeys(str(item.message) for item in warned if item.category is UserWarning),
+    ]
     return {
         "space": problem.scene.dimension == 3,
         "seconds": clock.whole,
@@ -179,8 +180,11 @@ def measures_by_table(scene) -> dict | None:
     if scene.name not in RESULT_COLUMNS or not find_spec("scipy") or type(mix) is not Bingham or not mix.yields:
         return None
     table = emulator_of(test=scene.name)
-    vessel = {key: known[key] for key in table.defaults if key not in (*Concrete.model_fields, *OTHER_KEYWORDS)}
-    if any(value != table.settings.get(key, table.defaults[key]) for key, value in vessel.items()):
+    if any(
+        known[key] != table.settings.get(key, default)
+        for key, default in table.defaults.items()
+        if key not in (*Concrete.model_fields, *OTHER_KEYWORDS)
+    ):
         return None
     with suppress(SceneError):  # a mix beyond the table
         estimates = table.at(*np.log([getattr(mix, name) / mix.density for name in BINGHAM]))

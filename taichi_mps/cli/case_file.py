@@ -5,7 +5,6 @@ from pathlib import Path
 from ..engine import LAW_OF, NUMERICS, Implicit
 from ..input import catalogue
 from ..input.labels import OPTIONS, keyword_description
-from ..io.checkpoint import FORMS_OF_0_2
 from ..report.inputs import OMITTED, option
 from ..units import SceneError, regular_file, require, suggestion, unit_of, user_path
 from .options import GROUPS, Run, group_of, is_tuple, suggested
@@ -13,6 +12,7 @@ from .options import GROUPS, Run, group_of, is_tuple, suggested
 KEYS = {option.replace("-", "_"): key for key, option in OPTIONS.items()}  # keywords by the names of options
 SECTIONS = [group.split()[0] for group in GROUPS]
 NOT_IN_CASE = {"out", "overwrite", "quiet", "verbose", "profile"}  # options that a case file does not hold
+KEYS_OF_0_2 = {"plots", "renderer", "source", "gradient"}  # which a case of version 0.2 has
 MAX_BYTES = 1e5  # of a case file, which takes a second to read; a case has some 5e3
 TITLE = "A case of taichi-mps: taichi-mps run case.toml. A number may have a unit of its own, in quotes: '0.5 kPa'."
 
@@ -74,7 +74,6 @@ def command_words(path: Path) -> list[str]:
     )
     if source.endswith(".py"):
         source = str(path.parent / user_path(source))
-    function = catalogue.load(source)
     given: dict = {}
     for section, keys in case.items():
         require(section in SECTIONS, f"case = {path}: unknown section '{section}'{suggestion(section, SECTIONS)}")
@@ -82,15 +81,12 @@ def command_words(path: Path) -> list[str]:
         if duplicates := sorted(given.keys() & keys.keys()):
             raise SceneError(f"case = {path}: {duplicates[0]} is given twice")
         given |= keys
-    known = keywords(function, NUMERICS.get(str(given.get("scheme")), Implicit))
-    form = FORMS_OF_0_2[given.get("literal") is True]  # of the scheme semi-implicit
-    written = [("renderer", "software"), ("plots", False), ("plots", True)]  # by version 0.2, without a meaning now
-    written += form.items() if form.items() <= given.items() else []
-    given = {key: value for key, value in given.items() if key in known or (key, value) not in written}
+    known = keywords(catalogue.load(source), NUMERICS.get(str(given.get("scheme")), Implicit))
     options, words = [], {}
     for word, value in given.items():
         name = word if word in known else KEYS.get(word, word)
-        require(name in known, f"case = {path}: unknown key '{word}'{suggested(word, known)}")
+        older = "; version 0.3.0 reads a case of version 0.2" * (word in KEYS_OF_0_2)
+        require(name in known, f"case = {path}: unknown key '{word}'{suggested(word, known)}{older}")
         require(name not in words, f"case = {path}: {word} is given twice, also as {words.get(name)}")
         words[name] = word
         switch = known[name][1].annotation is bool

@@ -1,12 +1,12 @@
 """Grains by options of run: what they say, and what they choose."""
 
-import sys
 from typing import Annotated, get_args
 
 from pydantic import Field
 
 from ..engine import Grains
 from ..units import Length, Ratio, SceneError, checked, require
+from .options import notify
 
 ACROSS = 4.0  # spacings across the smallest grain, where no spacing is given
 LARGEST = 0.1  # diameter of a stone [m]; a larger number was meant in millimetres
@@ -32,8 +32,7 @@ def grains_of(options) -> Grains | None:
         rows = [row(**dict(zip(("diameter", "fraction"), words, strict=False))) for words in grading]
     except SceneError as error:
         raise SceneError(f"{wrong} ({error})") from None
-    diameter = rows[0][0] if len(rows) == 1 else rows
-    return Grains(diameter=diameter, volume_fraction=given.pop("volume"), **given)
+    return Grains(diameter=rows[0][0] if len(rows) == 1 else rows, volume_fraction=given.pop("volume"), **given)
 
 
 def chosen_for(grains: Grains, keywords: dict, parameters) -> dict:
@@ -41,10 +40,7 @@ def chosen_for(grains: Grains, keywords: dict, parameters) -> dict:
     found = dict(keywords)
     if "spacing" not in found and "spacing" in parameters.model_fields:
         found["spacing"] = grains.width / ACROSS
-        print(
-            f"taichi-mps: spacing = {found['spacing']:g} m: a quarter of the smallest grain, if not given",
-            file=sys.stderr,
-        )
+        notify(f"spacing = {found['spacing']:g} m: a quarter of the smallest grain, if not given")
     model = parameters.model_fields.get("model")
     if model and "model" not in found and "full" in get_args(model.annotation):
         found["model"] = "full"

@@ -37,6 +37,7 @@ from .options import (
     command,
     given,
     is_tuple,
+    notify,
     parse_scene,
     read_back,
     say,
@@ -78,8 +79,8 @@ def planned(name, argv):
         parser.options(model, leave_out=left_out)
     if name == "run":
         parser.groups["output"].add_argument("--json", **JSON["--json"])
-        help_text = "tell size, memory and time of the run, and end"
-        parser.groups["accuracy and cost"].add_argument("--forecast", action="store_true", help=help_text)
+        cost = parser.groups["accuracy and cost"]
+        cost.add_argument("--forecast", action="store_true", help="tell size, memory and time of the run, and end")
     arguments = parser.parse(argv)
 
     options = Run(**given(arguments, Run))
@@ -90,7 +91,7 @@ def planned(name, argv):
         choose = f"accuracy = {keywords['accuracy']}: chooses model and particle size of"
         require(options.scheme == "implicit", f"{choose} the scheme implicit; must be left out")
         if {"model", "spacing"} <= keywords.keys():
-            print(f"taichi-mps: {choose} a run without them; has no effect here", file=sys.stderr)
+            notify(f"{choose} a run without them; has no effect here")
     grains = grains_of(options)
     if grains:
         require("accuracy" not in keywords, "accuracy: no data with grains; must be left out, or without grains")
@@ -118,7 +119,7 @@ def run(argv) -> int:
     default = Path("renders") / problem.scene.name
     folder = RunFolder(options.out or (default if options.overwrite else next_free(default)))
     if not options.out and folder.path != default:
-        print(f"taichi-mps: {plain(default)} is taken; this run goes to {plain(folder.path)}", file=sys.stderr)
+        notify(f"{default} is taken; this run goes to {folder.path}")
     folder.check(options.overwrite)
     with Drawing(folder, options, problem.scene, arguments.scene) as drawing, lock.held(folder.path):
         if not (arguments.json or options.quiet):
@@ -151,10 +152,10 @@ def resume(arguments) -> int:
     newest = path if path.is_file() else folder.checkpoint
     state, remark = checkpoint.read_good(newest)
     if remark:
-        print(f"taichi-mps: {remark}", file=sys.stderr)
+        notify(remark)
     kept, passed = state.header["settings"], state.header["time"]
     changed, remedy = given(arguments, Run, leave_out=KEPT_OPTIONS), given(arguments, Remedy)
-    options = Run(**{key: value for key, value in kept.items() if key not in (*GONE, CASE)} | changed)
+    options = Run(**{key: value for key, value in kept.items() if key != CASE} | changed)
     state.header["numerics"].update(remedy)
     if arguments.until and options.until < passed - INSTANT:
         raise SceneError(f"until = {options.until:g} s: {passed:g} s of the run have passed; must be longer")
@@ -168,16 +169,16 @@ def resume(arguments) -> int:
         if summary and not (limited and arguments.until and options.until > passed + INSTANT):
             notice = "; --until TIME goes on" if limited else ", it is at rest"
             notice += f"; without effect: {unused}" if unused else ""
-            print(plain(f"taichi-mps: run = {folder.path}: nothing left to compute{notice}"), file=sys.stderr)
+            notify(f"run = {folder.path}: nothing left to compute{notice}")
             if not (arguments.json or options.quiet):
                 print_answer(summary, options.verbose)
             complete(folder, drawing)
             return show_end(summary, folder, options.quiet, arguments.json)
         scene = state.scene(options.until, arguments.scene)
         scene = replace(scene, until=options.until or scene.until, grains=grains_of(options) or scene.grains)
-        is_over = scene.until <= passed + INSTANT
         require(
-            not (is_over and unused), f"{unused}: nothing is left to compute; must be left out, or with a later until"
+            scene.until > passed + INSTANT or not unused,
+            f"{unused}: nothing is left to compute; must be left out, or with a later until",
         )
         problem = state.admit(scene)
         clock = make_clock(problem, options)
@@ -187,8 +188,7 @@ def resume(arguments) -> int:
         sim = state.resume(problem, profile=options.profile)
         clock.begin("ready")
         if missing:
-            notice = f"taichi-mps: run = {folder.path}: {missing} missing; written anew from {passed:g} s on"
-            print(plain(notice), file=sys.stderr)
+            notify(f"run = {folder.path}: {missing} missing; written anew from {passed:g} s on")
         if not folder.ours:
             folder.mark()
         if remark:
@@ -255,8 +255,7 @@ def export(arguments) -> int:
     folder = RunFolder(arguments.run)
     out = user_path(arguments.out or folder.path / "vtu")
     count = vtu(Trajectory(folder.trajectory).checked_replay(arguments.scene), out, arguments.whole, arguments.surface)
-    index = out / "run.pvd"
-    return tell(arguments, {"pvd": str(index), "outputs": count}, f"{count} outputs: {index}")
+    return tell(arguments, {"pvd": str(out / "run.pvd"), "outputs": count}, f"{count} outputs: {out / 'run.pvd'}")
 
 
 @command("The built-in scenes; 'taichi-mps run SCENE --help' lists their keywords.", JSON)
@@ -341,9 +340,14 @@ def main(argv=None, more=None) -> int:
     try:
         known = commands(*argv[:1]) | (more or {})
         if not argv or argv[0] in ("-h", "--help"):
-            each = [f"  {name:9} {command.__doc__}" for name, command in known.items()]
-            example = "example: taichi-mps run slump --yield-stress 500; its result is renders/slump/report.html"
-            say("\n".join(["usage: taichi-mps COMMAND ... [--help]", "", *each, "", example]))
+            lines = [
+                "usage: taichi-mps COMMAND ... [--help]",
+                "",
+                *(f"  {name:9} {command.__doc__}" for name, command in known.items()),
+                "",
+                "example: taichi-mps run slump --yield-stress 500; its result is renders/slump/report.html",
+            ]
+            say("\n".join(lines))
             return DONE if argv else BAD_INPUT
         if argv[0] == "--version":
             say(__version__)
@@ -356,19 +360,18 @@ def main(argv=None, more=None) -> int:
         logging.getLogger(__package__).parent.setLevel("INFO" if sys.stderr.isatty() else "WARNING")
         with warnings.catch_warnings():  # a warning is a line and never ends a run, whatever PYTHONWARNINGS says
             warnings.filters = [each for each in warnings.filters if each[0] != "error"]
-            once = cache(lambda line: print(line, file=sys.stderr))  # not for each case of a study
-            warnings.showwarning = lambda message, *_: once(f"taichi-mps: {plain(message)}")
+            once = cache(notify)  # not for each case of a study
+            warnings.showwarning = lambda message, *_: once(str(message))
             return known[argv[0]](argv[1:])
     except (BrokenPipeError, OutputError):
         raise
     except (SceneError, OSError, ImportError, MemoryError) as error:  # or the disk is full, memory has an end
         text = error if isinstance(error, OSError) else " ".join(str(error).split()) or "out of memory"
-        if str(error) == f"[Errno 2] {os.strerror(2)}":  # of os.getcwd
-            text = "the current folder has been removed; must be one that is there"
-        print(f"taichi-mps: {plain(text)}", file=sys.stderr)
+        removed = "the current folder has been removed; must be one that is there"
+        notify(removed if str(error) == f"[Errno 2] {os.strerror(2)}" else text)  # of os.getcwd
         return BAD_INPUT
     except KeyboardInterrupt as stopped:
-        print("taichi-mps: interrupted", file=sys.stderr)
+        notify("interrupted")
         return 128 + getattr(stopped, "number", signal.SIGINT)
     except SystemExit as leaving:  # argparse after --help
         return int(leaving.code or 0)

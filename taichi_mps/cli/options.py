@@ -102,6 +102,11 @@ def say(text: str, end="\n") -> None:
         raise OutputError(error.errno, error.strerror) from None
 
 
+def notify(text: str) -> None:
+    """Print a notice on one line, beside the result."""
+    print(plain(f"taichi-mps: {text}"), file=sys.stderr, flush=True)
+
+
 def tell(arguments, facts, text) -> int:
     """Print the facts as JSON with ``--json``, else the text; returns DONE."""
     say(json.dumps(strict(facts)) if arguments.json else plain(text))
@@ -127,8 +132,6 @@ class Workers(Checked):
     )
 
 
-FrictionCoefficient = real("-", ge=0.0, le=10.0)
-GrainsVolume = real("-", gt=0.0, le=0.35)  # as mps.Grains has it
 Caption = Annotated[str, AfterValidator(plain)]
 
 
@@ -154,13 +157,13 @@ class Run(Pictures):
     grains: str | None = Field(
         None, description="diameter of grains in the mortar, 12mm, or a grading by volume, 8mm:0.4+16mm:0.6"
     )
-    grains_volume: Annotated[GrainsVolume | None, Only("grains")] = Field(
+    grains_volume: Annotated[real("-", gt=0.0, le=0.35) | None, Only("grains")] = Field(  # as mps.Grains has it
         None, description="volume of the grains over that of the body"
     )
     grains_density: Annotated[Density | None, Only("grains")] = Field(
         None, description="density of the stone, by default 2650 kg/m3"
     )
-    grains_friction: Annotated[FrictionCoefficient | None, Only("grains")] = Field(
+    grains_friction: Annotated[real("-", ge=0.0, le=10.0) | None, Only("grains")] = Field(
         None, description="coefficient of friction of the grains"
     )
     grains_seed: Annotated[Count | None, Only("grains")] = Field(
@@ -187,10 +190,9 @@ class Parser(argparse.ArgumentParser):
     """Parser of argparse with options from pydantic models, which raises a SceneError of one line for bad input."""
 
     def __init__(self, command, what="", **settings):
-        usage = f"taichi-mps {command} {what} [options]" if what else None
         super().__init__(
             f"taichi-mps {command}",
-            usage,
+            f"taichi-mps {command} {what} [options]" if what else None,
             epilog=f"example: taichi-mps {EXAMPLES[command]}" if command in EXAMPLES else None,
             formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=42, width=112),
             allow_abbrev=False,
@@ -217,16 +219,12 @@ class Parser(argparse.ArgumentParser):
             flags = [option_name(name, model.model_fields), flag]
             range_and_default = " ".join(filter(None, (default(field), allowed(field))))
             text = ", ".join(filter(None, (field.description or keyword_description(name), range_and_default)))
-            settings = {"dest": name, "help": text}
-            if field.annotation is bool:
-                settings |= {
-                    "action": argparse.BooleanOptionalAction if field.default else "store_true",
-                    "default": None,
-                }
-            else:
-                unit = unit_of(field).replace("-", "N").replace(" ", ".")
-                settings["metavar"] = "|".join(([unit] if unit else []) + choices(field)) or "X"
-            self.groups[title or group_of(name, model)].add_argument(*dict.fromkeys(flags), **settings)
+            switch = {"action": argparse.BooleanOptionalAction if field.default else "store_true", "default": None}
+            unit = unit_of(field).replace("-", "N").replace(" ", ".")
+            number = {"metavar": "|".join(filter(None, (unit, *choices(field)))) or "X"}
+            settings = switch if field.annotation is bool else number
+            group = self.groups[title or group_of(name, model)]
+            group.add_argument(*dict.fromkeys(flags), dest=name, help=text, **settings)
 
     def parse(self, argv):
         """Parse a command line; an unknown option is refused with the nearest known one."""
@@ -235,8 +233,7 @@ class Parser(argparse.ArgumentParser):
             flag = word.split("=", 1)[0]
             require(flag.startswith("-"), f"unexpected argument '{word}'")
             require(flag not in RESULTS, f"{flag} is a result; 'taichi-mps calibrate {word}' finds the mix that has it")
-            known = set(self._option_string_actions) - {"--help"}
-            raise SceneError(f"unknown option {flag}{suggested(flag, known)}")
+            raise SceneError(f"unknown option {flag}{suggested(flag, self._option_string_actions.keys() - {'--help'})}")
         return arguments
 
 
@@ -246,8 +243,12 @@ def suggested(word: str, known) -> str:
     name = word.lstrip("-").replace("-", "_")
     if name in GONE:
         return f": {GONE[name]}"
-    owners = {"run": Run, "sweep": Workers} | {f"the scheme {scheme}": model for scheme, model in NUMERICS.items()}
-    owners |= {f"the law {law.__name__}": law for law in LAWS}
+    owners = {
+        "run": Run,
+        "sweep": Workers,
+        **{f"the scheme {scheme}": model for scheme, model in NUMERICS.items()},
+        **{f"the law {law.__name__}": law for law in LAWS},
+    }
     owner = next((owner for owner, model in owners.items() if name in model.model_fields), None)
     return f": {owner} has it; must be left out here" if owner else suggestion(word, known)
 
@@ -322,8 +323,7 @@ def read_back(name: str, values, field) -> None:
     """Print on stderr the values that were read from a list with commas."""
     texts = [quote(value, "") for value in values]
     shown = texts if len(texts) <= MAX_READ_BACK else [*texts[:3], "...", texts[-1]]
-    line = f"taichi-mps: {name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}"
-    print(plain(line.rstrip()), file=sys.stderr)
+    notify(f"{name}: {len(texts)} values: {', '.join(shown)} {unit_of(field).strip('-')}".rstrip())
 
 
 def given(arguments, model, leave_out=()) -> dict:

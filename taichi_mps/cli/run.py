@@ -6,12 +6,10 @@ import json
 import math
 import os
 import signal
-import sys
 import time
 import warnings
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib.util import find_spec
 from itertools import chain
 from zlib import crc32
 
@@ -36,9 +34,9 @@ from ..report.sentences import (
     thin_solids,
 )
 from ..spelling import size
-from ..units import SceneError, plain, require
+from ..units import SceneError, require, require_package
 from .case_file import NOT_IN_CASE, case_text
-from .options import DIVERGED, DONE, say
+from .options import DIVERGED, DONE, notify, say
 from .stopped import HANG_UP, Stopped, handle, leave_terminal, program_start, received
 
 CASE = "case"  # among the settings in a checkpoint: checksum of case.toml as it was written
@@ -49,10 +47,9 @@ def make_clock(problem, options):
     """Make the clock of a run, which started with the program."""
     from ..forecast.clock import Clock
 
-    every = options.every or problem.usual_interval
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     settings = {"precision": options.precision, "threads": options.threads or cores}
-    return Clock(problem, settings, every, program_start[0] if program_start else None, IMPORTED)
+    return Clock(problem, settings, options.every or problem.usual_interval, next(iter(program_start), None), IMPORTED)
 
 
 def describe_run(problem, clock, verbose=False) -> list[str]:
@@ -68,17 +65,24 @@ def describe_run(problem, clock, verbose=False) -> list[str]:
     pours = f"Pours {1e3 * sum(inlet.volume for inlet in scene.inlets):.3g} l. " if scene.inlets else ""
     parts = f"{duration_by_part(clock.expected, clock.cpu_seconds)}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps"
     takes = f"Takes about {parts if verbose else duration_text(clock.whole)}{'; shorter the next time' * clock.cold}."
-    notices = [certainty(facts), *thin_solids(facts), *grains(facts)]
-    return [f"{what}; about {needed} of memory.", pours + takes, *notices]
+    return [
+        f"{what}; about {needed} of memory.",
+        pours + takes,
+        certainty(facts),
+        *thin_solids(facts),
+        *grains(facts),
+    ]
 
 
 def require_slump(scene) -> None:
     """Refuse particles so coarse that nothing of the filled body lies at the axis, where its slump is measured."""
     if scene.measure and len(scene.fluid):
         filled = replace(still(scene.fluid, scene.spacing), time=scene.until)  # what is known of 0 s tells nothing
-        slump = scene.measure(scene.unfold(filled)).get("slump_m", 0.0)
-        why = "nothing of the filled body lies at the axis, where slump_m is measured; must be smaller"
-        require(not math.isnan(slump), f"spacing = {scene.spacing:g} m: {why}")
+        require(
+            not math.isnan(scene.measure(scene.unfold(filled)).get("slump_m", 0.0)),
+            f"spacing = {scene.spacing:g} m: nothing of the filled body lies at the axis, where slump_m is measured; "
+            "must be smaller",
+        )
 
 
 def carry_out(sim, folder, options, source, as_json, clock, drawing, resumed=None) -> int:
@@ -98,9 +102,8 @@ def carry_out(sim, folder, options, source, as_json, clock, drawing, resumed=Non
             folder.create(options.overwrite)
         else:
             keep_edited(folder.case, resumed.get(CASE))
-            # what would end where that run ended; the last two are of version 0.2
-            for name in ("report.html", "animation.gif", "slump.png", "history.png"):
-                (folder.path / name).unlink(missing_ok=True)
+            for path in (folder.report, folder.animation):  # which would end where that run ended
+                path.unlink(missing_ok=True)
         write_whole(folder.case, case)
         settings |= {CASE: crc32(folder.case.read_bytes())}
         recorder = Recorder(folder, sim, clock.every, source, settings, drawing.submit)
@@ -144,7 +147,7 @@ def optional(what: str):
     try:
         yield
     except Exception as error:
-        print(f"taichi-mps: no {what}: {plain(error)}", file=sys.stderr)
+        notify(f"no {what}: {error}")
 
 
 def show_end(summary, folder, quiet, as_json) -> int:
@@ -154,7 +157,7 @@ def show_end(summary, folder, quiet, as_json) -> int:
         say(json.dumps(summary) if as_json else "\n".join(closing(summary, folder.path)))
     if "error" not in summary:
         return DONE
-    print(f"taichi-mps: {plain(summary['error'])}; resume from {plain(folder.checkpoint)}", file=sys.stderr)
+    notify(f"{summary['error']}; resume from {folder.checkpoint}")
     return DIVERGED
 
 
@@ -164,8 +167,7 @@ def keep_edited(file, written: int | None) -> None:
     if file.is_file() and crc32(file.read_bytes()) != written:
         kept = next_free(file.with_name("case.edited.toml"))
         os.replace(file, kept)
-        notice = "has been edited; the run goes on as it began, the file is now"
-        print(plain(f"taichi-mps: case = {file}: {notice} {kept}"), file=sys.stderr)
+        notify(f"case = {file}: has been edited; the run goes on as it began, the file is now {kept}")
 
 
 @contextmanager
@@ -201,7 +203,8 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
     from ..viz.film import SideBySide, align_in_time, mp4
     from ..viz.render import gif
 
-    require(not film or find_spec("imageio_ffmpeg"), "film: needs imageio-ffmpeg: pip install 'taichi-mps[film]'")
+    if film:
+        require_package("imageio-ffmpeg", "film: needs", "film")
     frames, animation = folder / f"frames{suffix}", folder / f"animation{suffix}.gif"
     outputs = align_in_time(*replays)
     first = next(outputs)
@@ -210,11 +213,12 @@ def redraw(replays, folder, suffix, options, film=False) -> dict:
         clear_pictures(frames)
     except OSError as error:
         raise SceneError(f"run = {folder}: {frames} cannot be written ({error.strerror})") from None
-    made, end = [], 0.0
-    for number, each in enumerate(chain([first], outputs)):
-        end = max(frame.time for frame in each)
-        made.append(painter.draw(number, *each))
-    every = end / max(len(made) - 1, 1)  # a step longer than the interval asked for has one picture
+    drawn = [
+        (max(frame.time for frame in each), painter.draw(number, *each))
+        for number, each in enumerate(chain([first], outputs))
+    ]
+    times, made = zip(*drawn, strict=True)
+    every = times[-1] / max(len(made) - 1, 1)  # a step longer than the interval asked for has one picture
     gif(made, animation, width=640 * len(replays), every=every)
     names = {"frames": str(frames), "animation": str(animation), "pictures": len(made)}
     return names | ({"film": str(mp4(made, animation.with_suffix(".mp4"), every=every))} if film else {})
@@ -278,7 +282,6 @@ def numerics_table(summary: dict, stages) -> Table:
         shown.add_row(escape(name), escape(value))
     whole = sum(seconds for _, seconds, _ in stages)
     for stage, seconds, calls in sorted(stages, key=lambda entry: -entry[1]):
-        each = seconds / max(calls, 1)
-        once = "an iteration" if stage == "solve" else "a call"
-        shown.add_row(f"stage {stage}", f"{seconds:.2f} s, {seconds / whole:.0%}, {1e3 * each:.3f} ms {once}")
+        each = f"{1e3 * seconds / max(calls, 1):.3f} ms {'an iteration' if stage == 'solve' else 'a call'}"
+        shown.add_row(f"stage {stage}", f"{seconds:.2f} s, {seconds / whole:.0%}, {each}")
     return shown

@@ -1,12 +1,10 @@
 """The commands sweep, require, calibrate, mortar and chart of the command line."""
 
 import json
-import math
 import os
 import sys
 import time
 from collections import Counter
-from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -25,12 +23,12 @@ from ..study.mortar import Suspension
 from ..study.require import Wanted, find_borders, require_bingham, runs_to_expect
 from ..study.sweep import ACCURACY, CHOOSES, LOST, cases, sweep, wall_time
 from ..study.tables import measures
-from ..units import Checked, Only, SceneError, plain, quote, require, user_path
+from ..units import Checked, Only, SceneError, plain, quote, require, require_package, user_path
 from . import case_file
-from .options import DONE, JSON, Workers, command, given, parse_scene, read_back, tell
+from .options import DONE, JSON, Workers, command, given, notify, parse_scene, read_back, tell
 
 NOT_ALL_DONE = 1  # what sweep returns where a case gave no result, and calibrate --table where no mix did
-NEEDS = "chart needs matplotlib: pip install 'taichi-mps[plots]'"
+PLOTS = "matplotlib", "chart needs", "plots"  # what a chart needs
 MOST_SHOWN = 10  # cases without a result that are named
 MIX = {"yield_value", "plastic_viscosity", "until"}  # of a form: what require looks for
 
@@ -110,7 +108,7 @@ def watching(varied, quiet: bool, options, planned, runs=None):
                 else f"{duration_text(whole)} of processor time"
             )
             text = f"{'at most ' if runs else ''}{count - there} runs" + (f", {there} more are there" if there else "")
-            print(f"taichi-mps: {text}: {takes}", file=sys.stderr, flush=True)
+            notify(f"{text}: {takes}")
         for row in (row for row in rows if row["key"] not in reported):
             reported.add(row["key"])
             words = [
@@ -121,7 +119,7 @@ def watching(varied, quiet: bool, options, planned, runs=None):
             done, more = len(reported) - (there or 0), max(0, count - len(reported))
             left = whole * more / (done + more) if whole and more else 0.0
             if known and done > 0:
-                left = math.sqrt(left * (time.monotonic() - start) / done * more)
+                left = (left * (time.monotonic() - start) / done * more) ** 0.5
             text = f"{', '.join(words)}: {outcome(row)}" + (f", in {duration_text(spent)}" if spent else "")
             print(plain(f"{text}; about {duration_text(left)} left" if left else text), file=sys.stderr, flush=True)
 
@@ -147,7 +145,8 @@ def sweep_command(argv) -> int:
         Sweep,
     )
     options, varied = Sweep(**given(arguments, Sweep)), given(arguments, function.parameters)
-    require(not options.chart or find_spec("matplotlib"), NEEDS)
+    if options.chart:
+        require_package(*PLOTS)
     folder = user_path(options.out or Path("studies") / Path(arguments.scene).stem)
     planned = cases(arguments.scene, **varied)
     differing = varied_parameters(planned, function)
@@ -156,7 +155,7 @@ def sweep_command(argv) -> int:
         "chart: needs a parameter that is varied by numbers; must be a list or first:last:number",
     )
     if "accuracy" in planned[0].parameters and not varied.keys() & CHOOSES:
-        print(f"taichi-mps: accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}", file=sys.stderr)
+        notify(f"accuracy = {1e3 * ACCURACY:g} mm: {choose(ACCURACY)}")
     watch = watching(differing, options.quiet or arguments.json, options, planned)
     rows = sweep(arguments.scene, folder, options.executor, options.workers, watch, **varied)
     if arguments.json or not options.quiet:
@@ -166,7 +165,7 @@ def sweep_command(argv) -> int:
 
         study_chart(rows, differing, folder / "chart.png")
     for line in not_done(rows, differing):
-        print(f"taichi-mps: {plain(line)}", file=sys.stderr)
+        notify(line)
     return DONE if all(row["status"] == "done" for row in rows) else NOT_ALL_DONE
 
 
@@ -236,7 +235,7 @@ def require_command(argv) -> int:
     borders, rows = find_borders(
         arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters
     )
-    facts = [asdict(border) | {"slumps_m": border.slumps_m} for border in borders]
+    facts = [vars(border) | {"slumps_m": border.slumps_m} for border in borders]
     tell(arguments, facts, "\n".join([*map(str, borders), f"{len(rows)} run{'s' if len(rows) > 1 else ''}: {folder}"]))
     tell_chart("borders_chart", borders, rows, wanted, folder / "require.png")
     return DONE
@@ -276,7 +275,7 @@ def calibrate_scene(argv) -> int:
     )
     options, settings = Curves(**given(arguments, Curves)), given(arguments, function.parameters)
     require(options.curve, "curve: is missing; must be a CSV file of what was measured of the scene")
-    require(find_spec("scipy"), "calibrate needs scipy: pip install 'taichi-mps[calibrate]'")
+    require_package("scipy", "calibrate needs", "calibrate")
     from ..study.calibrate_curves import calibrate_curves
 
     report = None if options.quiet or arguments.json else lambda text: print(plain(text), file=sys.stderr, flush=True)
@@ -303,16 +302,17 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
     out = user_path(options.out or path.with_name(f"{path.stem}-calibrated.csv"))
     results = {out, out.with_suffix(".png")}
     is_text = len(results) == 2 and out.suffix.lower() in ("", ".csv", ".txt")  # not xlsx
-    writable = is_text and out.parent.is_dir() and os.access(out.parent, os.W_OK)
-    require(writable, f"out = {out}: must be a CSV file in a folder that is there and can be written")
+    require(
+        is_text and out.parent.is_dir() and os.access(out.parent, os.W_OK),
+        f"out = {out}: must be a CSV file in a folder that is there and can be written",
+    )
     require(not measurements, f"{next(iter(measurements), '')}: stands in the table's own columns; must be left out")
     for there in sorted(filter(Path.exists, results)):
         raise SceneError(f"out = {out}: {there.name} is there already; must be a new file, nothing is overwritten")
     rows = measured_mixes.read_list(path)
     if others := measured_mixes.unused(rows):
-        print(plain(f"taichi-mps: table = {path}: {others}"), file=sys.stderr)
-    about = duration_text(measured_mixes.SECONDS_PER_MIX * len(rows))
-    print(f"taichi-mps: {len(rows)} mixes: about {about} in all", file=sys.stderr, flush=True)
+        notify(f"table = {path}: {others}")
+    notify(f"{len(rows)} mixes: about {duration_text(measured_mixes.SECONDS_PER_MIX * len(rows))} in all")
 
     found = measured_mixes.calibrate_list(rows, options.study)
     measured_mixes.write(found, out)
@@ -324,7 +324,7 @@ def calibrate_table(arguments, options: Lookup, measurements: dict) -> int:
         if row["verdict"] == measured_mixes.REFUSED
     ]
     for line in some(refused, out):
-        print(plain(f"taichi-mps: {line}"), file=sys.stderr)
+        notify(line)
     return NOT_ALL_DONE if len(refused) == len(found) else DONE
 
 
@@ -352,7 +352,7 @@ def mortar(arguments) -> int:
 )
 def chart(arguments) -> int:
     """draw slump and slump flow against yield stress"""
-    require(find_spec("matplotlib"), NEEDS)
+    require_package(*PLOTS)
     from ..study.chart import slump_chart
 
     made = slump_chart(arguments.out, arguments.study)

@@ -152,9 +152,11 @@ def errors_of_run(summary: dict) -> tuple[MixNumbers, float, ModelErrors | None]
         return None
     mix, height = mixes[0], given.get("height")
     bingham = mix.get("law") == "Bingham" and mix["yield_value"] and not mix.get("friction_angle")
-    if not (height and bingham) or mix.get("critical_strain_rate") is not None:
-        return None
-    if any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items()):
+    if (
+        not (height and bingham)
+        or mix.get("critical_strain_rate") is not None
+        or any(not math.isclose(given.get(key, 0.0), part * height, rel_tol=1e-6) for key, part in STANDARD.items())
+    ):
         return None
     mix = MixNumbers.of(mix["yield_value"], mix["plastic_viscosity"], mix["density"], height)
     error = expected(given.get("model"), given.get("spacing", 0.0) / height, mix)
@@ -172,9 +174,8 @@ def errors_of_lifted(error: ModelErrors, speed: float) -> ModelErrors | None:
     as_viscous = 0.5 <= error.viscosity_number / soft.viscosity_number <= 2.0
     slump, reach, coarsest = LIFTED.get(error.model, (0.0, 0.0, 0.0))
     fine, slow = error.spacing <= coarsest * (1.0 + 1e-6), SLOWEST <= speed <= FASTEST
-    if not (between and as_viscous and fine and slow):
-        return None
-    return error._replace(slump=error.slump + slump * error.spacing, reach=error.reach + reach * error.spacing)
+    lifted = error._replace(slump=error.slump + slump * error.spacing, reach=error.reach + reach * error.spacing)
+    return lifted if between and as_viscous and fine and slow else None
 
 
 # ---- choice of model and spacing -------------------------------------------------------------------------------
@@ -219,9 +220,8 @@ def errors_for_mix(rows: list[ModelErrors], mix: MixNumbers | None) -> tuple[Mod
     mixes of 50 Pa s."""
     if mix is None:
         rows = [row for row in rows if math.isclose(row.viscosity_number, REFERENCE_MIX.viscosity_number, rel_tol=1e-3)]
-        largest = {key: max(getattr(row, key) for row in rows) for key in ("slump", "reach", "volume")}
         return weighted_mean(rows, np.full(len(rows), 1.0 / len(rows)))._replace(
-            **largest
+            **{key: max(getattr(row, key) for row in rows) for key in ("slump", "reach", "volume")}
         ), f"Bingham mixes of 100 to {REFERENCE_MIX}"
     if between := interpolate_in_mixes(rows, mix):
         return between, "mixes beside this one"

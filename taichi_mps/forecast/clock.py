@@ -56,12 +56,11 @@ class Clock:
         self.cold = not compiled_before()  # nothing was compiled on this machine
         first, each = COMPILING[in_space]
         ready = first + each * len(() if problem.wall_particles else scene.walls)
-        if not self.cold:  # which of these kernels is among those compiled is not known
-            ready = math.sqrt(ready * READY[in_space])
+        # which of these kernels is among those compiled is not known
+        ready = ready if self.cold else math.sqrt(ready * READY[in_space])
         flow = self.cost.cpu_seconds / self.threads**TEAM_EXPONENT + ROW * self.cost.steps
         slowness = imported / IMPORT if imported / IMPORT < MAX_SLOWNESS else 1.0
-        seconds = START, ready, flow, REPORT
-        self.expected = {part: slowness * usual for part, usual in zip(PARTS, seconds, strict=True)}
+        self.expected = dict(zip(PARTS, (slowness * usual for usual in (START, ready, flow, REPORT)), strict=True))
         self.measured = dict.fromkeys(PARTS, 0.0)
         self.part, self.first, self.last_answer = PARTS[0], (0, 0.0), 0.0
         self.begun = self.since = time.monotonic() if begun is None else begun
@@ -77,8 +76,8 @@ class Clock:
     @property
     def cpu_seconds(self) -> float:
         """Processor time in all that is expected before the run [s]."""
-        more = self.threads ** (1.0 - TEAM_EXPONENT) - 1.0  # threads wait for each other
-        return self.whole + self.expected["flow"] * more
+        # threads wait for each other
+        return self.whole + self.expected["flow"] * (self.threads ** (1.0 - TEAM_EXPONENT) - 1.0)
 
     def begin(self, part: str, sim=None) -> None:
         """Note that a part begins, the flow of ``sim`` from its present step on, and so that the one before is over."""
@@ -97,27 +96,28 @@ class Clock:
         self.last_answer = now
         passed, here, expected = now - self.begun, now - self.since, self.expected[self.part]
         left = sum(self.expected[part] for part in PARTS[PARTS.index(self.part) + 1 :])
-        taken = sim.steps - self.first[0]
-        if self.part == "flow" and taken:
+        if self.part == "flow" and sim.steps > self.first[0]:
             done = fraction_done(sim, self.cost, *self.first)
             left += (1.0 - done) * expected * (here / done / expected) ** (done / (done + TRUSTED))
         else:
             left += max(expected - here, REMAINING_FRACTION * here)
         rest = sim.rest.expected(sim) if sim.problem.rests and sim.scene.stop_at_rest else sim.scene.until
-        end = max(sim.time, min(sim.scene.until, rest or self.cost.end))
         return {
             "passed_s": passed,
             "left_s": left,
             "fraction": passed / (passed + left),
             "time_s": sim.time,
-            "end_s": end,
+            "end_s": max(sim.time, min(sim.scene.until, rest or self.cost.end)),
         }
 
     def finish(self) -> dict:
         """Entries of summary.json about the time of a run, with that of its other processes."""
         self.begin(PARTS[-1])
-        whole = sum(self.measured.values()), sum(os.times()[:4]) - self.cpu_begun
-        return {"seconds_by_part": self.measured, "all_wall_seconds": whole[0], "all_cpu_seconds": whole[1]}
+        return {
+            "seconds_by_part": self.measured,
+            "all_wall_seconds": sum(self.measured.values()),
+            "all_cpu_seconds": sum(os.times()[:4]) - self.cpu_begun,
+        }
 
 
 def fraction_done(sim, cost, steps: int, time: float) -> float:

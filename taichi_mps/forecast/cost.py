@@ -5,7 +5,6 @@ measured in pours, by the number of particles that are there; `python benchmarks
 writes MEASURED.
 """
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,7 +73,7 @@ def cost_of(problem: Problem) -> Cost:
     seconds = float(usual * each * (1.0 if scene.dimension == 3 else PLANE_COST))
     if known and known[2]:  # which is to rest
         seconds = known[2].cpu_seconds * usual / steps_to(max(end, rest))
-    steps = max(usual, end / ((numerics.max_time_step or math.inf) if implicit else longest_step(problem)))
+    steps = max(usual, end / ((numerics.max_time_step or np.inf) if implicit else longest_step(problem)))
     seconds *= steps / usual * iterations_factor(numerics)
     return Cost(steps, seconds, end, np.array([0.0, 1.0]) if scene.inlets else None)
 

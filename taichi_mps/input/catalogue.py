@@ -195,9 +195,13 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords: A
         mix, law = None, scene.material
         if type(law) is Bingham and law.yields and law.straight:  # errors were measured for such mixes alone
             mix = MixNumbers.of(law.yield_value, law.plastic_viscosity, law.density, valid.height)
-        fixed = {key: getattr(valid, key) for key in ("model", "spacing") if key in keywords}
-        lift_speed = getattr(valid, "lift_speed", None)
-        choice = choose(valid.accuracy, **fixed, mix=mix, height=valid.height, lift_speed=lift_speed)
+        choice = choose(
+            valid.accuracy,
+            **{key: getattr(valid, key) for key in ("model", "spacing") if key in keywords},
+            mix=mix,
+            height=valid.height,
+            lift_speed=getattr(valid, "lift_speed", None),
+        )
         warnings.warn(f"accuracy = {1e3 * valid.accuracy:g} mm: {choice}", stacklevel=3)
         return build(name, material, **{**keywords, "model": choice.model, "spacing": choice.spacing})
     numbers = {name: dict(material).get(name) for name in Concrete.model_fields} if material else {}
@@ -232,8 +236,10 @@ def rebuild(source: str, parameters: dict, scene_file=None) -> Scene:
         scene_file is not None or source in names(),
         f"scene = {source}: is code of yours, and run only if you name it again: --scene {source}",
     )
-    if parameters.get("consistency") is not None and "plastic_viscosity" in parameters:
-        parameters = parameters | {"plastic_viscosity": None}  # had no effect before 0.3
+    require(
+        scene_file is not None or None in map(parameters.get, ("consistency", "plastic_viscosity")),
+        f"scene = {source}: of version 0.2; version 0.3.0 reads it",
+    )
     name = source if scene_file is None else scene_file
     unused = load(name).parameters.without_effect(parameters)  # keywords that an earlier version took
     return build(name, **{key: value for key, value in parameters.items() if key not in unused})

@@ -198,8 +198,11 @@ def constants_of(facts: dict) -> dict[str, str]:
     others = {*COMMON_NUMBERS, "typical_slope"}  # the slope is no constant of a mix
     names = ["yield_value", *(name for name in facts if name not in others), "density"]
     numbers = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
-    given = {name: value for name, value in numbers.items() if name in COMMON_NUMBERS or chooses_law(name, value)}
-    return {in_words(name): quote(float(value), CONSTANT_UNITS.get(name, "")) for name, value in given.items()}
+    return {
+        in_words(name): quote(float(value), CONSTANT_UNITS.get(name, ""))
+        for name, value in numbers.items()
+        if name in COMMON_NUMBERS or chooses_law(name, value)
+    }
 
 
 def mix_in_words(facts: dict) -> str:

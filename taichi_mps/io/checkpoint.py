@@ -7,13 +7,11 @@ It is checked before HDF5 sees the file.
 import hashlib
 import io
 import json
-import math
 import os
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -23,7 +21,6 @@ from ..engine import NUMERICS, Problem, Scene
 from ..input import catalogue
 from ..units import File, SceneError, quote, regular_file, require, unit_of, user_path, validated, writing
 from . import untrusted_hdf5 as untrusted
-from .history import NAMES_OF_0_2
 
 if TYPE_CHECKING:
     from .notebook import Simulation
@@ -39,10 +36,7 @@ SAMPLED_FROM = 1_000_000  # numbers of an array from which on its digest is made
 PARTICLE_ATTRIBUTES = "spacing", "fluid", "domain", "wall_particles", "inlets"
 LAW_ATTRIBUTES = "materials", "gravity_vector", "walls"
 FORMER_NAMES = {"typical_slope": "plastic_viscosity"}  # names of numbers of a law in digests
-FORMS_OF_0_2 = {  # source and gradient of the scheme semi-implicit, by ``literal``
-    True: {"source": "density", "gradient": "literal"},
-    False: {"source": "mixed", "gradient": "smallest"},
-}
+KEYS_OF_0_2 = {"viscous_iterations", "source"}  # of a step report, of the numerics of semi-implicit
 HEADER = {
     **dict.fromkeys(("source", "scheme", "fluid", "problem"), str),
     **dict.fromkeys(("parameters", "numerics", "settings"), dict),
@@ -183,7 +177,6 @@ class Checkpoint:
         if source != name and {source, name} <= set(builtin):
             return f"scene = {name}, there {source}"
         free = {"until"} | {key for key in ("critical_strain_rate",) if parameters.get(key) == "rational"}
-        free |= {"plastic_viscosity"} if parameters.get("consistency") is not None else set()
         keys = sorted(key for key in own.keys() & parameters.keys() - free if own[key] != parameters[key])
         fields = catalogue.load(name).parameters.model_fields if keys and name in builtin else {}
         units = {key: unit_of(fields[key]).strip("-") if key in fields else "" for key in keys}
@@ -211,11 +204,7 @@ class Checkpoint:
             self.header["fluid"] == digest(scene, PARTICLE_ATTRIBUTES),
             f"checkpoint: scene {self.header['source']} no longer makes the particles that it was written with",
         )
-        numerics = dict(self.header["numerics"])
-        form = {key: numerics.pop(key) for key in ("source", "gradient") if key in numerics}
-        only = "checkpoint: has a source and a gradient of the pressure that only version 0.2.0 mixes"
-        require(form in ({}, FORMS_OF_0_2[bool(numerics.get("literal"))]), f"{only}; must be of one form")
-        problem = Problem(scene, NUMERICS[self.header["scheme"]](**numerics))
+        problem = Problem(scene, NUMERICS[self.header["scheme"]](**self.header["numerics"]))
         for key, value in self.state.items():
             require(
                 not isinstance(value, np.ndarray) or np.all(np.isfinite(value)),
@@ -280,8 +269,10 @@ class Checkpoint:
             found, right = np.shape(self.state.get(key)), (rows, *array.shape[1:])
             require(found == right, f"checkpoint: {key} has the shape {found}; must have {right}")
         kinds = self.state["kind"]
-        valid = np.all(np.isin(kinds, (FLUID, WALL, DUMMY))) and np.any(kinds == FLUID)
-        require(valid, f"checkpoint: kind: must be {FLUID} of fluid, {WALL} or {DUMMY} of walls, and of some {FLUID}")
+        require(
+            np.all(np.isin(kinds, (FLUID, WALL, DUMMY))) and np.any(kinds == FLUID),
+            f"checkpoint: kind: must be {FLUID} of fluid, {WALL} or {DUMMY} of walls, and of some {FLUID}",
+        )
         try:
             sim.load(self.state)
         except (TypeError, KeyError) as error:
@@ -289,15 +280,8 @@ class Checkpoint:
         return sim
 
 
-@runtime_checkable
-class Running(Protocol):
-    """Protocol of a simulation whose state a checkpoint keeps."""
-
-    state: Callable
-
-
 @validated
-def save(sim: InstanceOf[Running], path: File) -> Path:
+def save(sim: Simulation, path: File) -> Path:
     """Write a checkpoint of a simulation.
 
     Parameters
@@ -322,6 +306,7 @@ def save(sim: InstanceOf[Running], path: File) -> Path:
     ...     mps.checkpoint.restore(file).time
     0.0
     """
+    require(hasattr(sim, "state"), f"sim = {quote(sim, '')}: must be a Simulation")
     with writing("path", path):
         return Checkpoint.of(sim).write(path)
 
@@ -451,12 +436,11 @@ def read(path) -> Checkpoint:
         header = json.loads(untrusted.text(file, "header"))
         scalars = header.pop("scalars")
         for key, kind in HEADER.items():
-            if not isinstance(header[key], kind):
-                raise ValueError(f"{key} is wrong")
-        if header["scheme"] not in NUMERICS or SCALARS - set(scalars) or set(scalars) & set(arrays):
-            raise ValueError("scheme or state is wrong")
-        if isinstance(scalars["report"], dict):
-            scalars["report"] = {NAMES_OF_0_2.get(name, name): value for name, value in scalars["report"].items()}
+            untrusted.demand(isinstance(header[key], kind), f"{key} is wrong")
+        whole = scalars.keys() >= SCALARS and not scalars.keys() & arrays.keys()
+        untrusted.demand(header["scheme"] in NUMERICS and whole, "scheme or state is wrong")
+        older = KEYS_OF_0_2 & {*header["numerics"], *(scalars["report"] or ())}
+        require(not older, f"checkpoint {path}: of version 0.2; version 0.3.0 reads it")
         return Checkpoint(header, {**arrays, **scalars})
 
 
@@ -507,8 +491,8 @@ def digest(scene: Scene, keys) -> str:
             total.update(f"{len(value)} ".encode())
         elif isinstance(value, BaseModel) or is_dataclass(value):
             fields = type(value).model_fields if isinstance(value, BaseModel) else value.__dataclass_fields__
-            differing = {name: getattr(value, name) for name in fields if name != "name"}
-            differing = {k: v for k, v in differing.items() if isinstance(v, np.ndarray) or v != fields[k].default}
+            values = {name: getattr(value, name) for name in fields if name != "name"}
+            differing = {k: v for k, v in values.items() if isinstance(v, np.ndarray) or v != fields[k].default}
             take([type(value).__name__, *(item for k, v in differing.items() for item in (FORMER_NAMES.get(k, k), v))])
         else:
             text = getattr(value, "__qualname__", type(value).__name__) if callable(value) else value
@@ -538,5 +522,5 @@ def possible(poured, layers: int) -> bool:
         isinstance(poured, list)
         and [type(number) for number in poured] in ([int, float], [int, int])
         and 0 <= poured[0] <= layers
-        and 0.0 <= poured[1] < math.inf
+        and 0.0 <= poured[1] < np.inf
     )

@@ -33,9 +33,6 @@ MEASURED = ("slump_m", "spread_m")  # columns of the scene's measures, in every 
 # columns that are attributes of the step report by another name
 REPORT_ATTRIBUTES = {"time_s": "time", "dt_s": "dt", "max_speed_m_s": "max_speed", "kinetic_energy_J": "kinetic_energy"}
 COLUMNS = tuple(COLUMN_MEANINGS)  # of every run; more by the measures of the scene
-# columns and entries of a step report by their names in version 0.2
-NAMES_OF_0_2 = {"viscous_iterations": "outer_iterations", "pressure_iterations": "solver_iterations"}
-RESIDUALS = "strain_rate_residual", "divergence_residual"  # columns that runs of version 0.2 lack
 NOTHING = "nan"  # what an empty cell stands for
 MAX_BYTES = 3e8  # a million rows, in seconds
 
@@ -56,8 +53,8 @@ class History:
 
     def __init__(self, path, kept: float | None = None):
         self.path = user_path(path)
-        rows = [] if kept is None or not self.path.is_file() else read_rows(path)
-        rows = [row for row in rows if float(row["time_s"]) <= kept * (1 + 1e-8)]  # times have nine digits
+        before = [] if kept is None or not self.path.is_file() else read_rows(path)
+        rows = [row for row in before if float(row["time_s"]) <= kept * (1 + 1e-8)]  # times have nine digits
         self.empty = not rows
         self._rewrite(rows[0] if rows else COLUMNS, rows)
 
@@ -107,20 +104,16 @@ def history_row(sim, measures: dict) -> dict:
         Values by column.
     """
     measures = {key: value for key, value in measures.items() if key != "slump_max_m"}  # the summary's alone
-    keys = [key for key in COLUMNS if key not in MEASURED]
+    attributes = {key: REPORT_ATTRIBUTES.get(key, key) for key in COLUMNS if key not in MEASURED}
     if sim.report is not None:
-        return (
-            measures
-            | {key: getattr(sim.report, REPORT_ATTRIBUTES.get(key, key)) for key in keys}
-            | {"time_s": sim.time}
-        )
+        return measures | {key: getattr(sim.report, name) for key, name in attributes.items()} | {"time_s": sim.time}
     s = sim.snapshot()
     densities = np.array([m.density for m in sim.scene.materials])[s.mix]
     if sim.scene.grains:
         densities[s.grain > 0] = sim.scene.grains.density
     masses = densities * sim.scene.volumes_at(s.x)
     totals = {"max_speed_m_s": float(s.speed.max()), "kinetic_energy_J": 0.5 * float((masses * s.speed**2).sum())}
-    return measures | dict.fromkeys(keys, 0.0) | totals | {"unyielded_fraction": 1.0 - s.yielded.mean()}
+    return measures | dict.fromkeys(attributes, 0.0) | totals | {"unyielded_fraction": 1.0 - s.yielded.mean()}
 
 
 def read_rows(path) -> list[dict[str, str]]:
@@ -134,28 +127,27 @@ def read_rows(path) -> list[dict[str, str]]:
     Returns
     -------
     list of dict of str to str
-        Cells by column; those of a file of version 0.2 by the names that columns have now.
+        Cells by column.
 
     Raises
     ------
     SceneError
-        For a file that is damaged or no history.
+        For a file that is damaged, of version 0.2, or no history.
     """
     text = regular_file(str(path), path, MAX_BYTES).read_bytes().decode("utf-8", "replace")
-    whole = text.split("\n")[:-1]  # a process killed while it wrote leaves an incomplete row
     try:
-        columns, *rows = list(csv.reader(whole)) or [[]]
+        # a process killed while it wrote leaves an incomplete row
+        columns, *rows = list(csv.reader(text.split("\n")[:-1])) or [[]]
     except csv.Error:
         columns, rows = [], []
-    columns = [NAMES_OF_0_2.get(name, name) for name in columns]
-    needed = [name for name in COLUMNS if name not in RESIDUALS]
-    missing = f"{path}: damaged or no history of a run; must have the columns {', '.join(needed)}"
-    require(set(needed) <= set(columns), missing)
+    require("viscous_iterations" not in columns, f"{path}: of version 0.2; version 0.3.0 reads it")
+    require(
+        set(COLUMNS) <= set(columns),
+        f"{path}: damaged or no history of a run; must have the columns {', '.join(COLUMNS)}",
+    )
     wrong = next((k for k, cells in enumerate(rows, 1) if len(cells) != len(columns)), None)
     require(wrong is None, f"{path}: damaged, row {wrong} has another number of cells than there are columns")
     rows = [dict(zip(columns, cells, strict=True)) for cells in rows]
-    # crc32: last column of version 0.2
-    rows = [{name: cell for name, cell in row.items() if name != "crc32"} for row in rows]
     try:
         _ = [float(cell or NOTHING) for row in rows for cell in row.values()]
     except ValueError as error:

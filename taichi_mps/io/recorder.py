@@ -27,8 +27,7 @@ class Recorder:
         self.trajectory = Trajectory(folder.trajectory)
         self.measures = sim.measures()  # of the last step
         resumed = sim.steps > 0 and folder.trajectory.is_file()
-        if sim.steps > 0:
-            folder.check_pictures()
+        folder.check_pictures()
         self.history = History(folder.history, kept=sim.time if sim.steps > 0 else None)
         if resumed:
             if sim.time < sim.scene.until - 1e-9:  # a finished run keeps its last output
@@ -71,8 +70,7 @@ class Recorder:
         """Write a frame into run.h5."""
         if self.sim.steps == self.first_step and not is_output_time(frame.time, self.every):
             return  # a run resumed between two outputs has no output at its start
-        number = self.trajectory.append(frame.snapshot())
-        if number is not None:
+        if self.trajectory.append(frame.snapshot()) is not None:
             self.last_checkpoint = self._checkpoint()
             self.notify()
 

@@ -5,7 +5,7 @@ import os
 import re
 import zlib
 from contextlib import suppress
-from itertools import chain, count, islice
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -84,10 +84,9 @@ class RunFolder:
     @property
     def lost(self) -> str:
         """Text on a run without a checkpoint: whether anything has been computed that a new run would replace."""
-        begun = self.trajectory.is_file() and not self.history.is_file()
+        begun = self.trajectory.is_file()
         if self.history.is_file():
-            with open(self.history, "rb") as file:
-                begun = len(list(islice(file, 3))) > 2  # names, start, first step
+            begun = len(self.history.read_bytes().splitlines()) > 2  # names, start, first step
         names = [path.name for path in (self.history, self.trajectory, self.summary) if path.is_file()]
         if begun or self.summary.is_file():
             return f"its {self.checkpoint.name} is missing; what was computed is in {', '.join(names)}"
@@ -132,8 +131,10 @@ class RunFolder:
             If ``frames`` is a link or a file.
         """
         require(not self.frames.is_symlink(), f"out = {self.path}: its frames lie elsewhere; must be another folder")
-        good = self.frames.is_dir() or not self.frames.exists()
-        require(good, f"out = {self.path}: {self.frames} is a file; must be a folder or absent")
+        require(
+            self.frames.is_dir() or not self.frames.exists(),
+            f"out = {self.path}: {self.frames} is a file; must be a folder or absent",
+        )
 
     def check_pictures(self) -> None:
         """Refuse to go on with a run whose pictures have lost their outputs.
@@ -185,8 +186,8 @@ class RunFolder:
             What ``Simulation.summary`` returned, and how the run ended.
         """
         facts = strict(summary)
-        guarded = facts | {CHECKSUM: facts_checksum(facts)}
-        write_whole(self.summary, json.dumps(guarded, indent=2, allow_nan=False) + "\n")
+        facts |= {CHECKSUM: facts_checksum(facts)}
+        write_whole(self.summary, json.dumps(facts, indent=2, allow_nan=False) + "\n")
 
     def read_summary(self) -> dict:
         """Read summary.json.
@@ -248,12 +249,13 @@ class RunFolder:
             If the folder is not that of a run, has pictures but no run.h5, or the checkpoint's scene is not that of
             run.h5.
         """
-        known = self.ours or self.trajectory.is_file()
-        require(known, f"run = {self.path}: holds a checkpoint but not its run; must be the whole folder of the run")
+        require(
+            self.ours or self.trajectory.is_file(),
+            f"run = {self.path}: holds a checkpoint but not its run; must be the whole folder of the run",
+        )
         self.check_pictures()
         if self.trajectory.is_file():
-            source, parameters, _ = Trajectory(self.trajectory).origin()
-            differing = state.differing(source, parameters)
+            differing = state.differing(*Trajectory(self.trajectory).origin()[:2])
             require(not differing, f"checkpoint {path}: of another run than {self.trajectory}: {differing}")
         return " and ".join(path.name for path in (self.history, self.trajectory) if not path.is_file())
 
@@ -319,11 +321,10 @@ def read_json(path: Path) -> dict:
     dict
         Object; empty where there is none.
     """
-    try:
+    with suppress(OSError, ValueError, RecursionError):
         facts = json.loads(regular_file(path.name, path, 1e8).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return facts if isinstance(facts, dict) else {}
+        return facts if isinstance(facts, dict) else {}
+    return {}
 
 
 def facts_checksum(facts: dict) -> str:

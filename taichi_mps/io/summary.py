@@ -57,6 +57,8 @@ def summary(sim) -> Summary:
     found = accuracy.errors_of_run(facts) if "slump_m" in facts else None
     if found:
         _, height, error = found  # None beyond the measured ones
-        facts["slump_expected_error_m"] = height * error.slump if error else None
-        facts["spread_expected_error_m"] = 2.0 * height * error.reach if error else None
+        facts |= {
+            "slump_expected_error_m": height * error.slump if error else None,
+            "spread_expected_error_m": 2.0 * height * error.reach if error else None,
+        }
     return Summary(facts)

@@ -22,6 +22,12 @@ def readable(what: str, path):
         raise SceneError(f"{what} {path}: damaged or not one of taichi_mps ({reason})") from None
 
 
+def demand(holds, message: str) -> None:
+    """Raise ValueError, which ``readable`` tells with the file, unless what is demanded of its content holds."""
+    if not holds:
+        raise ValueError(message)
+
+
 @contextmanager
 def opened(path, what: str):
     """Context with an HDF5 file opened for reading."""
@@ -32,8 +38,8 @@ def opened(path, what: str):
 def own_member(group, name: str):
     """Member of a group; ValueError for a link, or for data that lie in another file."""
     linked = not isinstance(group.get(name, getlink=True), h5py.HardLink)
-    if linked or (isinstance(group[name], h5py.Dataset) and (group[name].is_virtual or group[name].external)):
-        raise ValueError(f"{name} is not in the file")
+    elsewhere = linked or (isinstance(group[name], h5py.Dataset) and (group[name].is_virtual or group[name].external))
+    demand(not elsewhere, f"{name} is not in the file")
     return group[name]
 
 
@@ -41,11 +47,9 @@ def numbers(group, name: str, rows=()) -> np.ndarray:
     """Read an array of numbers, or rows of it; refuse one that claims more data than the file stores, before
     reading."""
     dataset = own_member(group, name)
-    if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiub":
-        raise ValueError(f"{name} does not hold numbers")
+    demand(isinstance(dataset, h5py.Dataset) and dataset.dtype.kind in "fiub", f"{name} does not hold numbers")
     stored, room = dataset.id.get_storage_size(), dataset.dtype.itemsize * dataset.size
-    if room > stored:
-        raise ValueError(f"{name} claims {room} bytes and has {stored}")
+    demand(room <= stored, f"{name} claims {room} bytes and has {stored}")
     return dataset[rows]
 
 
@@ -57,6 +61,5 @@ def text(group, name: str) -> str:
         dataset = own_member(group, name)
         value = dataset[()] if dataset.shape == () else None  # an array may claim more than fits into memory
     value = value.decode("utf-8", "surrogateescape") if isinstance(value, bytes) else value
-    if not isinstance(value, str):
-        raise ValueError(f"{name} is not a text")
+    demand(isinstance(value, str), f"{name} is not a text")
     return value

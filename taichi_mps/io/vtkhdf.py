@@ -19,7 +19,6 @@ from ..input import catalogue
 from ..units import File, SceneError, require, validated
 from . import untrusted_hdf5 as untrusted
 
-OutputNumber = Annotated[int, Field(ge=0, le=10**9)]
 BYTES_PER_PARTICLE, SPARE_BYTES = 64, 1 << 20  # room on the disk for an output: for each particle, and in addition
 HDF5_FORMAT = "v110", "v110"  # with checksums of its structure, without which damage can make HDF5 read for ever
 CHECKSUMMED = {"fletcher32": True, "chunks": True}  # options of a dataset that HDF5 checks when it is read
@@ -111,9 +110,7 @@ class Trajectory:
             origin = {"source": source, "parameters": json.dumps(scene.parameters)}
             if scene.grains and scene.grains.centres is None:  # those of a grading are not of the scene's function
                 names = "volume_fraction", "density", "friction", "seed", "shape"
-                grains = {"diameter": scene.grains.grading.tolist()} | {
-                    key: getattr(scene.grains, key) for key in names
-                }
+                grains = {"diameter": scene.grains.grading} | {key: getattr(scene.grains, key) for key in names}
                 origin["grains"] = json.dumps(grains, default=np.ndarray.tolist)
             texts = {name: np.bytes_(text.encode("utf-8", "surrogateescape")) for name, text in origin.items()}
             own.attrs.update(texts, dimension=s.x.shape[1], every=every)  # of fixed length, which HDF5 checks, too
@@ -309,7 +306,7 @@ class Trajectory:
         self,
         scene_file: File | None = None,
         scene: InstanceOf[Scene] | None = None,
-        chosen: list[OutputNumber] | None = None,
+        chosen: list[Annotated[int, Field(ge=0, le=10**9)]] | None = None,
     ) -> Iterator:
         """Read the outputs one by one.
 
@@ -343,19 +340,18 @@ class Trajectory:
                 n == len(scene.fluid) or scene.inlets,
                 f"run {self.path}: has {n} particles, its scene makes {len(scene.fluid)}",
             )
-            if wall.ndim != 2 or wall.shape[1] != scene.dimension:
-                raise ValueError("wall_x does not hold positions")
+            untrusted.demand(wall.shape[1:] == (scene.dimension,), "wall_x does not hold positions")
             axes = [0, 2] if scene.dimension == 2 else [0, 1, 2]
             low, high = np.array(scene.domain, float)
             room = high - low  # a particle leaves the domain by less than that before the run ends
-            defaults = {"size": np.full(n, scene.spacing), "mix": np.zeros(n, np.int32)}
-            defaults["grain"] = defaults["mix"]
+            defaults = {"size": np.full(n, scene.spacing), **dict.fromkeys(("mix", "grain"), np.zeros(n, np.int32))}
             for time, points, data in stored_outputs(file, chosen):
                 data = defaults | data
-                if points.shape != (n, 3) or any(
-                    values.shape != ((n, 3) if name == "velocity" else (n,)) for name, values in data.items()
-                ):
-                    raise ValueError(f"the output at {time:g} s is incomplete")
+                untrusted.demand(
+                    points.shape == data["velocity"].shape == (n, 3)
+                    and all(values.shape == (n,) for name, values in data.items() if name != "velocity"),
+                    f"the output at {time:g} s is incomplete",
+                )
                 if data["grain"].any() and not scene.grains:
                     warnings.warn(
                         f"{self.path}: of before 0.4.0, does not tell its grains: shown as mortar", stacklevel=2
@@ -363,8 +359,8 @@ class Trajectory:
                 x, sizes = points[:, axes].astype(float), data["size"] / scene.spacing
                 plausible = (sizes == 0.0) | ((sizes > 0.01) & (sizes < 100.0))  # a ring moved far outward is thin
                 fits = sizes.any() and np.all(plausible) and np.all(np.isin(data["mix"], range(len(scene.materials))))
-                if not fits or not np.all((x > low - room) & (x < high + room)):
-                    raise ValueError(f"the output at {time:g} s is not one of this scene")
+                inside = np.all((x > low - room) & (x < high + room))
+                untrusted.demand(fits and inside, f"the output at {time:g} s is not one of this scene")
                 present = sizes > 0.0
                 fields = {key: data[name][present].astype(kind) for key, (name, _, kind) in FIELDS.items()}
                 u = data["velocity"][present][:, axes]
@@ -392,8 +388,8 @@ def output_times(file) -> np.ndarray:
     steps = untrusted.own_member(untrusted.own_member(file, "VTKHDF"), "Steps")
     count = int(steps.attrs["NSteps"])
     found = untrusted.numbers(steps, "Values")[:count]
-    if found.shape != (count,) or not np.all(np.isfinite(found)) or not np.all(np.diff(found) > 0.0):
-        raise ValueError("the times of the outputs do not rise")
+    rise = found.shape == (count,) and np.all(np.isfinite(found)) and np.all(np.diff(found) > 0.0)
+    untrusted.demand(rise, "the times of the outputs do not rise")
     return found
 
 
@@ -489,9 +485,13 @@ def output_rows(s: Snapshot, k: int, n: int, fields) -> dict[str, np.ndarray]:
         Rows by name of the dataset: n of a dataset of particles, one of a dataset of steps.
     """
     points, data = embed_single(s.x), {name: rows for name, rows in point_data(s).items() if name in fields}
-    first = dict.fromkeys(["PointOffsets", *(f"PointDataOffsets/{name}" for name in data)], np.array([k * n]))
-    steps = first | {"Values": np.array([s.time], float), "NumberOfParts": np.array([1]), "PartOffsets": np.array([0])}
-    steps |= dict.fromkeys(("CellOffsets", "ConnectivityIdOffsets"), np.zeros((1, len(CELL_KINDS)), int))
+    steps = {
+        **dict.fromkeys(["PointOffsets", *(f"PointDataOffsets/{name}" for name in data)], np.array([k * n])),
+        "Values": np.array([s.time], float),
+        "NumberOfParts": np.array([1]),
+        "PartOffsets": np.array([0]),
+        **dict.fromkeys(("CellOffsets", "ConnectivityIdOffsets"), np.zeros((1, len(CELL_KINDS)), int)),
+    }
     return {
         "VTKHDF/Points": points,
         **{f"VTKHDF/PointData/{name}": rows for name, rows in data.items()},

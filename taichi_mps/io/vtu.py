@@ -64,11 +64,17 @@ def vtu(outputs: Iterable, folder: Place, whole: Flag = False, smooth: Flag = Fa
         with writing("out", folder, " folder"):
             folder.mkdir(parents=True, exist_ok=True)
         name = f"output_{number:05d}.vtu"
-        mesh = meshio.Mesh(embed_single(s.x), cells, point_data=point_data(s))
-        meshio.write(folder / name, mesh, file_format="vtu")
+        meshio.write(folder / name, meshio.Mesh(embed_single(s.x), cells, point_data=point_data(s)), file_format="vtu")
         lines.append(f'    <DataSet timestep="{s.time!r}" part="0" file="{name}"/>')
     require(lines, "outputs: are none; must be those of Trajectory.replay")
-    begin = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">']
-    text = [*begin, "  <Collection>", *lines, "  </Collection>", "</VTKFile>", ""]
+    text = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">',
+        "  <Collection>",
+        *lines,
+        "  </Collection>",
+        "</VTKFile>",
+        "",
+    ]
     (folder / "run.pvd").write_text("\n".join(text), encoding="utf-8")
     return len(lines)

@@ -145,13 +145,16 @@ def section(part: Snapshot, scene) -> dict:
     if scene.dimension == 3 or scene.axisymmetric:
         y = [0.0] if scene.axisymmetric else embed(scene.unfold(still(scene.reach, part.spacing)).x)[:, 1]
         middle = 0.5 * float(np.min(y) + np.max(y))
-        place = f"the upright plane y = {round(100.0 * middle, 2) + 0.0:g} cm"
-        return {"axes": axes, "middle": middle, "place": place}
+        return {"axes": axes, "middle": middle, "place": f"the upright plane y = {round(100.0 * middle, 2) + 0.0:g} cm"}
     angle, whole = 2.0 * np.pi * np.arange(CORNERS) / CORNERS, scene.unfold(part)
     corners = whole.x[:, None] + 0.5 * whole.size[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     closed = np.concatenate([corners, np.full((len(corners), 1, 2), np.nan)], axis=1).reshape(-1, 2)
-    place = f"particles{', seen from above' if level else ''}"
-    return {"across": rounded(closed[:, 0]), "up": rounded(closed[:, 1]), "axes": axes, "place": place}
+    return {
+        "across": rounded(closed[:, 0]),
+        "up": rounded(closed[:, 1]),
+        "axes": axes,
+        "place": f"particles{', seen from above' if level else ''}",
+    }
 
 
 def filling(part: Snapshot, cavity) -> dict | None:

@@ -24,9 +24,10 @@ def fields_of(source: str, scene_file=None) -> dict:
 
 def rows(parameters: dict, fields: dict) -> list[tuple[str, str]]:
     """Rows of a table of the scene's keywords in words, with their values and units."""
-    given = {key: value for key, value in parameters.items() if value not in (None, "") and key not in OMITTED}
     return [
-        (in_words(key), shown(value, unit_of(fields[key]) if key in fields else "")) for key, value in given.items()
+        (in_words(key), shown(value, unit_of(fields[key]) if key in fields else ""))
+        for key, value in parameters.items()
+        if value not in (None, "") and key not in OMITTED
     ]
 
 
@@ -60,12 +61,11 @@ def command(source: str, summary: dict, every: float | None = None, until: float
         "scheme": summary["scheme"],
         **{key: value for key, value in summary["numerics"].items() if key in numerics},
         **{key: summary["backend"][key] for key in ("arch", "precision")},
+        **({} if until is None else {"until": float(f"{until:.9g}")}),
     }
-    if until is not None:
-        options["until"] = float(f"{until:.9g}")
-    given = {key: value for key, value in options.items() if value not in (None, "") and key not in OMITTED}
-    words = [option(key, value, options) for key, value in given.items()
-            if (value != defaults[key] if key in defaults else value is not False)]  # fmt: skip
+    words = [option(key, value, options) for key, value in options.items()
+            if value not in (None, "") and key not in OMITTED
+            and (value != defaults[key] if key in defaults else value is not False)]  # fmt: skip
     return shlex.join(["run", source if source in catalogue.names() else Path(source).name, *words])
 
 

@@ -47,9 +47,13 @@ class RunRecord:
         self.summary = folder.read_summary() if folder.summary.is_file() else {"simulated_seconds": -1.0}
         self.ended = last["time_s"] <= self.summary["simulated_seconds"] * (1.0 + 1e-6)  # else it went on after that
         if not self.ended:
-            mixes = [mix.facts() for mix in self.scene.materials]
-            facts = {"scene": self.scene.name, "parameters": parameters, "materials": mixes}
-            self.summary = facts | {"simulated_seconds": last["time_s"]} | sentences.measures(last)
+            self.summary = {
+                "scene": self.scene.name,
+                "parameters": parameters,
+                "materials": [mix.facts() for mix in self.scene.materials],
+                "simulated_seconds": last["time_s"],
+                **sentences.measures(last),
+            }
 
 
 def write(
@@ -63,13 +67,14 @@ def write(
     run = RunRecord(folder, scene, scene_file)
     run.summary |= {key: text for key, text in (("title", title), ("note", note)) if text}
     shown, last = film_data(Trajectory(folder.trajectory), run.scene, run.history)
-    names = ("page.html", "page.css", "charts.js", "viewer.js", "film.js", "page.js")
-    template, style, *scripts = ((PAGE_PARTS / name).read_text(encoding="utf-8") for name in names)
+    template, style, *scripts = (
+        (PAGE_PARTS / name).read_text(encoding="utf-8")
+        for name in ("page.html", "page.css", "charts.js", "viewer.js", "film.js", "page.js")
+    )
     texts = page_texts(run, shown) | dict(zip(("charts", "viewer", "film", "page"), scripts, strict=True))
     data = json.dumps(drawings(run, shown, last), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     finish()
-    page = Template(template).substitute(texts, style=style, data=data, still=last_picture(folder))
-    write_whole(folder.report, page)
+    write_whole(folder.report, Template(template).substitute(texts, style=style, data=data, still=last_picture(folder)))
     return folder.report
 
 
@@ -156,12 +161,17 @@ def doubts(run) -> list[str]:
 
 def view_notes(film: dict, scene) -> list[str]:
     """Sentences that explain the view of the film, and the outputs that it leaves out."""
-    notes = ["Drag to turn."] if scene.dimension == 3 or scene.axisymmetric else []
-    notes += ["Red: the mould, the bars or the hose."] if scene.outline else []
-    notes.append(f"Flowing: the viscous part of the stress is over {FLOW_THRESHOLD:.0%} of the yield stress.")
     shown = len(film["times"])
-    fewer = f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all."
-    return notes + ([fewer] if shown < film["outputs"] else [])
+    notes = [
+        (scene.dimension == 3 or scene.axisymmetric, "Drag to turn."),
+        (scene.outline, "Red: the mould, the bars or the hose."),
+        (True, f"Flowing: the viscous part of the stress is over {FLOW_THRESHOLD:.0%} of the yield stress."),
+        (
+            shown < film["outputs"],
+            f"To keep the page small it shows {shown} of {film['outputs']} outputs; run.h5 has all.",
+        ),
+    ]
+    return [text for holds, text in notes if holds]
 
 
 def input_rows(run) -> list[tuple[str, str]]:

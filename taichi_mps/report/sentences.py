@@ -22,7 +22,6 @@ from ..io.history import COLUMNS
 from ..units import plain
 from .verdict import verdict
 
-OTHER_ERRORS = " Scatter of the test and uncertainty of the constants are extra."
 LEADING = "slump_m", "spread_m", "t500_s", "flow_m", "flow_time_s", "passing_ratio", "front_m", "filled_ratio"
 EXPECTED = "_expected_error_m"  # end of the name of the error of a result
 MEASURED = "slump_m", "spread_m"  # measures that are columns of every history
@@ -51,8 +50,11 @@ def verdicts(summary: dict) -> list[str]:
 
 def closing(summary: dict, folder) -> list[str]:
     """Sentences on the cost of a run, and on what lies in its folder."""
-    page = "Open report.html there: film, curves and all numbers on one page."
-    shown = [page] if (Path(folder) / "report.html").is_file() else []
+    shown = (
+        ["Open report.html there: film, curves and all numbers on one page."]
+        if (Path(folder) / "report.html").is_file()
+        else []
+    )
     return [cost(summary), f"Pictures and results lie in {plain(folder)}.", *shown]
 
 
@@ -91,20 +93,23 @@ def ending(summary, mixes=True) -> str:
 
 def doubts(summary) -> list[str]:
     """Sentences on doubts about a result, each with a remedy."""
-    found = []
-    worst = summary.get("volume_error_max") or 0.0
-    if worst > DOUBTFUL_VOLUME_ERROR:
-        found.append(
-            f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing)."
-        )
-    if "unmet_steps" in summary:
-        found.append(
-            f"In {summary['unmet_steps'] / summary['steps']:.1%} of the steps the outer iterations ended before they "
-            "met their tolerance; allow more of them (--outer-iterations)."
-        )
-    if summary["stopped_by"] == "time":
-        found.append("The concrete may still move; a longer time limit (--until) follows it further.")
-    return found
+    worst, unmet = summary.get("volume_error_max") or 0.0, summary.get("unmet_steps", 0) / (summary.get("steps") or 1)
+    found = [
+        (
+            worst > DOUBTFUL_VOLUME_ERROR,
+            f"Doubtful: the volume was up to {worst:.1%} off on the way; take a smaller particle size (--spacing).",
+        ),
+        (
+            "unmet_steps" in summary,
+            f"In {unmet:.1%} of the steps the outer iterations ended before they met their tolerance; allow more of "
+            "them (--outer-iterations).",
+        ),
+        (
+            summary["stopped_by"] == "time",
+            "The concrete may still move; a longer time limit (--until) follows it further.",
+        ),
+    ]
+    return [text for holds, text in found if holds]
 
 
 def thin_solids(summary) -> list[str]:
@@ -127,9 +132,11 @@ def grains(summary) -> list[str]:
         return []
     sizes = " and ".join(f"{1e3 * size:.3g}" for size in found["diameters_m"])
     taken = f"take {100.0 * found['volume_fraction']:.1f} % of the volume"
-    mortar = "the mix is the mortar between them, not the concrete"
     shape = "" if found.get("shape") in (None, "disc", "sphere") else f" ({found['shape']})"
-    return [f"{found['number']:,} rigid grains{shape} of {sizes} mm {taken}; {mortar}."]
+    return [
+        f"{found['number']:,} rigid grains{shape} of {sizes} mm {taken}; the mix is the mortar between them, not the "
+        "concrete."
+    ]
 
 
 def passing(summary) -> list[str]:
@@ -175,7 +182,8 @@ def certainty(summary) -> str:
     return (
         f"Expect the slump within {1e3 * height * error.slump:.1f} mm and the slump flow within "
         f"{2e3 * height * error.reach:.0f} mm of the exact flow of this mix: measured for mixes and particle sizes "
-        f"around this one, beside the project's own finite elements{lifted}.{OTHER_ERRORS}"
+        f"around this one, beside the project's own finite elements{lifted}. Scatter of the test and uncertainty of "
+        "the constants are extra."
     )
 
 
@@ -232,5 +240,5 @@ def numerics(summary) -> list[tuple[str, str]]:
     } | summary.get("numerics", {})
     if "seconds_by_part" in summary:
         facts["time"] = duration_by_part(summary["seconds_by_part"], summary["all_cpu_seconds"])
-    unsaid = {"wall_loads"}  # forces are among the results; a scene may measure them by itself
-    return [(in_words(key), str(value)) for key, value in facts.items() if key not in unsaid]
+    # forces are among the results; a scene may measure them by itself
+    return [(in_words(key), str(value)) for key, value in facts.items() if key != "wall_loads"]

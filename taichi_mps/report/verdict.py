@@ -68,8 +68,11 @@ def filling(found: dict, known: dict) -> str:
     fills = "Fills" if ratio > FULL * known.get("fill_ratio", 1.0) else "Does not fill"
     levels = [(found[key], place) for key, place in ENDS.items() if found.get(key) is not None]
     told = [f", the {place} is empty" for level, place in levels if level < EMPTY * rim]
-    over = "; the concrete stands {:.0f} cm above the rim at the {}: it overflows"
-    told += [over.format(100.0 * (level - rim), place) for level, place in levels if level > rim + spare]
+    told += [
+        f"; the concrete stands {100.0 * (level - rim):.0f} cm above the rim at the {place}: it overflows"
+        for level, place in levels
+        if level > rim + spare
+    ]
     above, rests = found.get("above_m3", 0.0), found["stopped_by"] == "rest"
     if rests and not levels and above > SPILT * found.get("poured_m3", inf):
         told += [f"; {written('above_m3', above)} stand above the rim: it overflows"]

@@ -108,8 +108,8 @@ class Measurements(Checked):
         SceneError
             If nothing was measured.
         """
-        found = {name: getattr(self, test) for name, test in FIELD_OF_RESULT.items()}
-        found = {name: (value, self.error(FIELD_OF_RESULT[name])) for name, value in found.items() if value is not None}
+        known = {name: test for name, test in FIELD_OF_RESULT.items() if getattr(self, test) is not None}
+        found = {name: (getattr(self, test), self.error(test)) for name, test in known.items()}
         require(found, "calibrate: give at least one of --slump, --slump-flow, --t500, --mini-cone, --v-funnel")
         return found
 
@@ -259,12 +259,14 @@ def check_measurements(test: Measurements, emulators: dict[str, Emulator]) -> No
         raise SceneError(
             f"t500 = {test.t500:g} s: with slump flow = {test.spread:g} m it never came to 50 cm; leave one of them out"
         )
-    cones = {"slump": "slump", "spread": "slump", "mini_cone": "mini_cone"}
-    cones = {key: dimensions(emulators[scene]) for key, scene in cones.items() if scene in emulators}
-    limits = [(f"{key}_error", 0.0, height, "") for key, (height, *_) in cones.items()]  # (field, least, most, reason)
-    limits += [
-        (key, 0.0, height, "") if key == "slump" else (key, base, MAX_SLUMP_FLOW * height, "the base of the cone")
-        for key, (height, base, _) in cones.items()
+    scenes = {"slump": "slump", "spread": "slump", "mini_cone": "mini_cone"}
+    cones = {key: dimensions(emulators[scene]) for key, scene in scenes.items() if scene in emulators}
+    limits = [  # (field, least, most, reason)
+        *((f"{key}_error", 0.0, height, "") for key, (height, *_) in cones.items()),
+        *(
+            (key, 0.0, height, "") if key == "slump" else (key, base, MAX_SLUMP_FLOW * height, "the base of the cone")
+            for key, (height, base, _) in cones.items()
+        ),
     ]
     if "v_funnel" in emulators:
         why = "in which the funnel would run empty at the speed of a free fall through its height"
@@ -284,8 +286,7 @@ def check_measurements(test: Measurements, emulators: dict[str, Emulator]) -> No
 def min_funnel_time(funnel: Emulator) -> float:
     """Return a time [s] below which no fluid can leave the tapered part of a table's funnel, by its energy."""
     top, outlet, taper, spout = dimensions(funnel, ("top", "outlet", "taper", "spout"))
-    speed = np.sqrt(2.0 * GRAVITY * (taper + spout))
-    return 0.5 * (top + outlet) * taper / (outlet * speed)
+    return 0.5 * (top + outlet) * taper / (outlet * np.sqrt(2.0 * GRAVITY * (taper + spout)))
 
 
 def dimensions(test: Emulator, names=("height", "base_diameter", "top_diameter")) -> tuple[float, ...]:

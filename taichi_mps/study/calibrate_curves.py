@@ -61,8 +61,7 @@ class CurveRuns:
 
     def case(self, test: Test, at, spacing) -> Case:
         """Return the case of a test at a point and a spacing [m]."""
-        later = MAX_OFFSET * self.shifted.get(test, 0.0)
-        until = {"until": float(test.times[-1] + later)} if len(test.times) else {}
+        until = {"until": float(test.times[-1] + MAX_OFFSET * self.shifted.get(test, 0.0))} if len(test.times) else {}
         return case_of(self.scene, **self.settings | test.settings | self.mix(at) | until | {"spacing": spacing})
 
     def compute(self, points, spacing) -> list[list[dict]]:

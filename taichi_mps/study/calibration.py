@@ -1,6 +1,5 @@
 """Result of a calibration: the constants of a mix with intervals, and their formatting as text."""
 
-import math
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -8,8 +7,13 @@ import numpy as np
 from ..input.labels import CONSTANT_UNITS, in_words
 
 MAX_MISFIT = 9.0  # chi squared of three standard errors
-NAMES = {"slump_m": "slump", "spread_m": "slump flow", "t500_s": "T500"}
-NAMES |= {"mini_cone_m": "mini-cone flow", "v_funnel_s": "V-funnel time"}
+NAMES = {
+    "slump_m": "slump",
+    "spread_m": "slump flow",
+    "t500_s": "T500",
+    "mini_cone_m": "mini-cone flow",
+    "v_funnel_s": "V-funnel time",
+}
 RHEOMETER = "rheometer"  # source of a constant that is known
 BINGHAM = "yield_value", "plastic_viscosity"  # the constants of a mix, in the order of the tables
 FRICTIONAL = "yield_value", "friction_angle", "plastic_viscosity"  # constants of a mix with internal friction
@@ -166,11 +170,10 @@ class Mix(FittedConstants):
         lines = []
         for name, (value, error) in self.measured.items():
             factor, unit = (1.0, "s") if is_time(name) else (100.0, "cm")
-            table_error = factor * math.sqrt(max(self.errors[name] ** 2 - error**2, 0.0))
-            text = f"{factor * value:.2f} +- {factor * error:.2f} {unit}"
+            table_error = factor * np.sqrt(max(self.errors[name] ** 2 - error**2, 0.0))
+            text = f"{NAMES[name]:18} {factor * value:.2f} +- {factor * error:.2f} {unit}"
             text += f", of the model {factor * self.model[name]:.2f} +- {table_error:.2f}"
-            text += f"; determines {self.determines(name)}" if self.worth[name] else ""
-            lines.append(f"{NAMES[name]:18} {text}")
+            lines.append(text + (f"; determines {self.determines(name)}" if self.worth[name] else ""))
         return lines
 
 
@@ -260,13 +263,13 @@ class Calibration(Mix):
     @property
     def contradictory(self) -> bool:
         """Whether no mix fits several measurements, or one measurement and a rheometer's constant."""
-        several = len(self.measured) > 1 or any(len(fits) > 1 for fits in self.alone.values())
-        return several and not self.fits
+        return (len(self.measured) > 1 or any(len(fits) > 1 for fits in self.alone.values())) and not self.fits
 
     def nearest(self) -> str:
         """Format the differences of the nearest mix from each measurement."""
-        differences = ", ".join(f"{NAMES[name]} {signed(name, by)}" for name, by in self.missed.items())
-        return f"the nearest mix misses: {differences}"
+        return "the nearest mix misses: " + ", ".join(
+            f"{NAMES[name]} {signed(name, by)}" for name, by in self.missed.items()
+        )
 
     @property
     def best(self) -> Mix:
@@ -285,8 +288,10 @@ class Calibration(Mix):
         for name, ends in self.possible.items() if len(self.measured) > 1 else ():
             by = self.measured[name][0] - float(np.clip(self.measured[name][0], *ends))
             low, high = (f"{(1.0 if is_time(name) else 100.0) * end:.3g}" for end in ends)
-            text += f"; beside {'the other' if len(self.measured) == 2 else 'the others'} the {NAMES[name]} of a mix "
-            text += f"is {low} to {high} {'s' if is_time(name) else 'cm'}, that measured is off by {signed(name, by)}"
+            text += (
+                f"; beside {'the other' if len(self.measured) == 2 else 'the others'} the {NAMES[name]} of a mix "
+                f"is {low} to {high} {'s' if is_time(name) else 'cm'}, that measured is off by {signed(name, by)}"
+            )
         for constant, other in zip(BINGHAM, reversed(BINGHAM), strict=True):
             readings = [
                 f"the {NAMES.get(name, name)}{' alone' if name in NAMES else ''} "
@@ -296,12 +301,11 @@ class Calibration(Mix):
             text += (
                 f"; at {rounded(self.others[other])} {CONSTANT_UNITS[other]} {', '.join(readings)}" if readings else ""
             )
-        if not {"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys():
-            return text
-        return (
-            f"{text}. Trust that of the slump for how high the concrete stands, that of "
-            "the slump flow for how far it runs; no single Bingham mix does both"
+        trust = (
+            ". Trust that of the slump for how high the concrete stands, that of the slump flow for how far it runs; "
+            "no single Bingham mix does both"
         )
+        return text + trust * ({"slump_m", "spread_m"} <= self.alone.get("yield_value", {}).keys())
 
     def __str__(self):
         lines = self.constant_lines()
@@ -323,8 +327,8 @@ class Calibration(Mix):
         if self.friction:
             *first, last = [NAMES[name] for name in self.friction.measured]
             unused = [NAMES[name] for name in self.measured if name not in self.friction.measured]
-            block = [str(self.friction)]
-            block += [f"  of {', '.join(first)} and {last} alone, not of {' and '.join(unused)}"] if unused else []
+            alone = f"  of {', '.join(first)} and {last} alone, not of {' and '.join(unused)}"
+            block = [str(self.friction), alone] if unused else [str(self.friction)]
             lines = [*block, "the nearest Bingham mix:", *lines] if self.contradictory else [*lines, *block]
         if not self.fits:
             lines.insert(

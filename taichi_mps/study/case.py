@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import threading
 import warnings
 from dataclasses import dataclass
@@ -18,8 +17,16 @@ from ..units import regular_file, user_path
 
 T500_SLUMP_FLOW = 0.5  # slump flow [m] that defines T500: EN 12350-8
 MIN_INTERVAL, MIN_FRACTION = 0.02, 0.05  # [s] and [-] of the time so far, between two measurements of a slump flow
-SUMMARY_COLUMNS = "stopped_by", "simulated_seconds", "steps", "volume_error", "volume_error_max"  # kept in a row
-SUMMARY_COLUMNS += "cpu_seconds", "compile_seconds", "version"
+SUMMARY_COLUMNS = (  # kept in a row
+    "stopped_by",
+    "simulated_seconds",
+    "steps",
+    "volume_error",
+    "volume_error_max",
+    "cpu_seconds",
+    "compile_seconds",
+    "version",
+)
 LOST = "lost"  # status of a case that was not finished; computed again when the study is resumed
 _one_at_a_time = threading.Lock()  # Taichi runs one Simulation at a time in a process
 
@@ -39,12 +46,9 @@ def case_of(scene: str, **parameters) -> Case:
     The key is a digest of the scene's file and all built-in ones, which it may import, of all its parameters with their
     defaults, of the files that they name, and of the package's code: equal keys are equal results.
     """
-    function = catalogue.load(scene)
-    validated = function.parameters(**parameters)
-    full = validated.model_dump(mode="json")
+    full = catalogue.load(scene).parameters(**parameters).model_dump(mode="json")
     texts = [user_path(value) for value in full.values() if isinstance(value, str) and value]
-    named_files = [path for path in texts if path.is_file()]
-    files = [catalogue.locate(scene), *catalogue.names().values(), *named_files]
+    files = [catalogue.locate(scene), *catalogue.names().values(), *(path for path in texts if path.is_file())]
     contents = [hashlib.sha256(regular_file(f"file {path}", path, 1e9).read_bytes()).hexdigest() for path in files]
     digest = hashlib.sha256(json.dumps([contents, full, code_digest()], sort_keys=True).encode()).hexdigest()
     return Case(catalogue.source(scene), {name: full[name] for name in parameters}, digest[:16])
@@ -59,8 +63,13 @@ def code_digest() -> str:
 
 def row_without_result(case: Case, status: str, reason) -> dict:
     """Return the row of a case that gave no result, with the reason on one line."""
-    words = " ".join(str(reason).split())
-    return {"key": case.key, "status": status, "reason": words, "scene": case.scene, **case.parameters}
+    return {
+        "key": case.key,
+        "status": status,
+        "reason": " ".join(str(reason).split()),
+        "scene": case.scene,
+        **case.parameters,
+    }
 
 
 def run_case(case: Case, samples: int = 0) -> dict:
@@ -97,7 +106,7 @@ def run_case(case: Case, samples: int = 0) -> dict:
             summary, measures = summary_of(sim), sim.measures()
             if sim.scene.over_time:
                 history += [history_row(sim, measures)] if history[-1]["time_s"] < sim.time else []
-                columns = {name: np.array([step.get(name, math.nan) for step in history]) for name in history[-1]}
+                columns = {name: np.array([step.get(name, np.nan) for step in history]) for name in history[-1]}
                 measures |= sim.scene.over_time(columns)
         except Exception as error:  # a study goes on, whatever a case does
             status = LOST if isinstance(error, MemoryError | OSError) else "failed"

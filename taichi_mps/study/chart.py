@@ -43,12 +43,11 @@ def _figure(width, height, columns=1, **options):
     """Make a figure and axes that need no display and no global state. MPLBACKEND is hidden from the import of
     matplotlib, which fails if it names a backend that is not installed, as that of a notebook may be."""
     backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
-    try:
-        import matplotlib
-        from matplotlib.figure import Figure
-    finally:
-        os.environ |= {"MPLBACKEND": backend} if backend else {}
+    import matplotlib
+    from matplotlib.figure import Figure
+
     if backend:
+        os.environ["MPLBACKEND"] = backend
         with suppress(ValueError):
             matplotlib.rcParams["backend"] = backend
     with matplotlib.rc_context(STYLE):
@@ -220,8 +219,9 @@ def study_chart(rows, varied, out) -> Path:
     done = [row for row in rows if row["status"] == "done"]
     numbers = [name for name in varied if all(isinstance(row[name], float | int) for row in rows)]
     names = [name for name in measures(done) if any(row.get(name) is not None for row in done)]
-    needs = "chart: needs a case that is done, with a measure, and a parameter that is varied by numbers"
-    require(numbers and names, needs)
+    require(
+        numbers and names, "chart: needs a case that is done, with a measure, and a parameter that is varied by numbers"
+    )
     unit = unit_of(catalogue.load(rows[0]["scene"]).parameters.model_fields[numbers[0]])
     x, others = numbers[0], [name for name in varied if name != numbers[0]]
     values = sorted({row[x] for row in done})

@@ -1,7 +1,6 @@
 """Emulator of a test: its results as smooth functions of the constants of a mix, through the cases of a study."""
 
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +10,7 @@ from pydantic import Field
 from ..engine import Bingham
 from ..input import catalogue
 from ..input.labels import in_words
-from ..units import Flag, Place, SceneError, array, real, require, user_path, validated
+from ..units import Flag, Place, SceneError, array, real, require, require_package, user_path, validated
 from .calibration import BINGHAM, CONSTANT_UNITS, FRICTIONAL, is_time, rounded
 from .case import T500_SLUMP_FLOW
 from .tables import read
@@ -72,11 +71,13 @@ class Emulator:
 
     @validated
     def __init__(self, rows: list[dict], constants: Constants = BINGHAM):
-        require(find_spec("scipy"), "calibrate and chart need scipy: pip install 'taichi-mps[calibrate]'")
+        require_package("scipy", "calibrate and chart need", "calibrate")
         first = rows[0] if rows else {}
         self.scene, self.constants = Path(str(first.get("scene") or "slump")).stem, constants
-        allowed = ", ".join(RESULT_COLUMNS)
-        require(self.scene in RESULT_COLUMNS, f"table: is a study of {self.scene}; must be one of {allowed}")
+        require(
+            self.scene in RESULT_COLUMNS,
+            f"table: is a study of {self.scene}; must be one of {', '.join(RESULT_COLUMNS)}",
+        )
         self.columns = RESULT_COLUMNS[self.scene]
         needed = ["status", *constants, *(column for name, column in self.columns.items() if name != "t500_s")]
         missing = ", ".join(name for name in needed if name not in first)
@@ -87,10 +88,10 @@ class Emulator:
             row.get("role") or ("check" if size < sizes[0] else "node") for row, size in zip(done, sizes, strict=True)
         ]
         nodes, checks = ([r for r, it in zip(done, roles, strict=True) if it == role] for role in ("node", "check"))
-        needed = " and ".join(f"3 values of {in_words(name)}" for name in constants)
         require(
             all(len({row[name] for row in nodes}) >= 3 for name in constants),
-            f"table: must hold done cases of at least {needed}",
+            "table: must hold done cases of at least "
+            + " and ".join(f"3 values of {in_words(name)}" for name in constants),
         )
         fields = catalogue.load(self.scene).parameters.model_fields
         self.defaults = {name: field.default for name, field in fields.items()}  # of the scene
@@ -100,10 +101,11 @@ class Emulator:
         self.low, self.high = self.points.min(0), self.points.max(0)
         self.axes = [np.linspace(*ends) for ends in zip(self.low, self.high, GRID, strict=False)]
         third = self.points[:, 2] if len(constants) == 3 else np.zeros(len(nodes))
-        self.third_values, self.planes, self.scatter, self.checks = np.unique(third), [], {}, {}
-        for value in self.third_values:
-            plane = [row for row, at in zip(nodes, third, strict=True) if at == value]
-            self.planes.append(self.splines(plane))
+        self.third_values, self.scatter, self.checks = np.unique(third), {}, {}
+        self.planes = [
+            self.splines([row for row, at in zip(nodes, third, strict=True) if at == value])
+            for value in self.third_values
+        ]
         found = self.at(*self.log_ratios(checks).T)
         for name in self.planes[0]:
             errors = (np.log(found[name]) if is_time(name) else found[name]) - self.values(name, checks)

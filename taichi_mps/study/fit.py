@@ -51,8 +51,11 @@ class Tables:
     def __init__(self, emulators: list[Emulator], measured: dict, density: float, finer: dict, known: dict):
         self.emulators, self.measured, self.finer = emulators, measured, finer
         low, high = np.max([each.low for each in emulators], 0), np.min([each.high for each in emulators], 0)
-        names = " and ".join(each.scene for each in emulators)
-        require(np.all(low < high), f"table: those of {names} have no mix in common; must be studies that overlap")
+        require(
+            np.all(low < high),
+            f"table: those of {' and '.join(each.scene for each in emulators)} have no mix in common; must be studies "
+            "that overlap",
+        )
         self.scales = {name: float(scale(name, density)) for name in emulators[0].constants}
         at = np.log([known.get(name, divisor) / divisor for name, divisor in self.scales.items()])
         given = np.isin(list(self.scales), list(known))
@@ -93,8 +96,7 @@ class Tables:
             chi2 = (self.residuals(axes) ** 2).sum(0)
             require(chi2.min() < FAILED_RESIDUAL**2, "t500: no mix of the table reaches a slump flow of 50 cm")
             best = np.unravel_index(chi2.argmin(), chi2.shape)
-            at = np.array([axis[k] for axis, k in zip(axes, best, strict=True)])
-            yield axes, chi2, at
+            yield axes, chi2, np.array([axis[k] for axis, k in zip(axes, best, strict=True)])
             near = np.argwhere(chi2 <= chi2.min() + rise)
             around = np.stack([near.min(0) - 1, near.max(0) + 1], 1)
             ends = [axis[np.clip(pair, 0, len(axis) - 1)] for axis, pair in zip(axes, around, strict=True)]

@@ -91,15 +91,17 @@ def read_curves(path, keywords: dict, measures, given=()) -> Iterator[Curve]:
     tests: dict[tuple, list[int]] = {}  # rows by the names and keywords of their run
     for k, row in enumerate(rows, 1):
         require(ROW_ERROR not in row, where + row.get(ROW_ERROR, ""))
-        of_run = [(column, row[column]) for column in names]
-        of_run += [(field, f"{row[column]} {unit if without_unit(row[column]) else ''}".strip())
-                 for column, (field, unit) in contents.items() if field in keywords]  # fmt: skip
+        of_run = (
+            *((column, row[column]) for column in names),
+            *((field, f"{row[column]} {unit if without_unit(row[column]) else ''}".strip())
+              for column, (field, unit) in contents.items() if field in keywords),
+        )  # fmt: skip
         require(
-            "time" in found or (*of_run,) not in tests,
+            "time" in found or of_run not in tests,
             f"{where}row {k}: nothing tells it from a row before; must have a column of times, such as time [s], "
             f"of a keyword of the scene or of names, such as test{'; not used: ' if others else ''}{others}",
         )
-        tests.setdefault((*of_run,), []).append(k - 1)
+        tests.setdefault(of_run, []).append(k - 1)
     table = {
         field: np.array([number(row[column], unit, units[field], f"{where}row {k}, {column}")
                          for k, row in enumerate(rows, 1)]) / rates.get(column, 1.0)

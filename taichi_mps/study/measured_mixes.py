@@ -30,8 +30,10 @@ OTHER_TESTS = {  # {beginning of a column's key: what this unused measurement is
     "flowtable": "of the flow table (EN 12350-5), no slump flow",
 }
 # {key_of(name of a column): field of Measurements}
-FIELDS = {key_of(name): name for name in Measurements.model_fields}
-FIELDS |= {key_of(word): field for field, words in COLUMN_NAMES.items() for word in words.split()}
+FIELDS = {
+    **{key_of(name): name for name in Measurements.model_fields},
+    **{key_of(word): field for field, words in COLUMN_NAMES.items() for word in words.split()},
+}
 FIELDS |= {f"{key}error": f"{field}_error" for key, field in FIELDS.items() if field in FIELD_OF_RESULT.values()}
 NOT_MEASURED = {
     "",
@@ -67,8 +69,10 @@ def field_and_unit(column: str) -> tuple[str | None, str]:
 def hint(column: str) -> str:
     """Format the name of a column that is no measurement, with what it is or with a similar name that is one."""
     key = key_of(re.sub(r"[\[(].*", "", column))
-    similar = suggestion(key, FIELDS.keys() - {key}).removeprefix(", ")
-    reason = next((reason for name, reason in OTHER_TESTS.items() if key.startswith(name)), similar)
+    reason = next(
+        (reason for name, reason in OTHER_TESTS.items() if key.startswith(name)),
+        suggestion(key, FIELDS.keys() - {key}).removeprefix(", "),
+    )
     return f"'{column}'" + (f" ({reason})" if reason else "")
 
 
@@ -99,11 +103,14 @@ def read_list(path: File) -> list[dict[str, str]]:
 
 def with_units_of_first_row(rows: list[dict[str, str]]) -> list[dict[str, str]]:
     """Return the rows with the units of a row of its own, below the header, in the names of the columns."""
-    cells, names = {name: cell.strip("[]() ") for name, cell in rows[0].items() if name and cell}, {}
+    cells = {name: cell.strip("[]() ") for name, cell in rows[0].items() if name and cell}
     with suppress(SceneError):  # for a cell that is no unit
-        for name, cell in cells.items():
-            field, unit = field_and_unit(name)
-            names |= {name: f"{name} [{cell}]"} if field and not unit else {}
+        names = {
+            name: f"{name} [{cell}]"
+            for name, cell in cells.items()
+            for field, unit in [field_and_unit(name)]
+            if field and not unit
+        }
         are_units = names and all(field_and_unit(name)[1] for name in names.values())
         if len(rows) > 1 and are_units and rows[0].keys().isdisjoint(names.values()):
             return [{names.get(name, name): cell for name, cell in row.items()} for row in rows[1:]]
@@ -119,11 +126,12 @@ def unused(rows: list[dict[str, str]]) -> str:
 
 def measurements_of(row: dict[str, str]) -> dict[str, str]:
     """Return the measurements of a row as text, with their own unit or that of their column."""
-    found = {}
-    for column, value in row.items():
-        field, unit = field_and_unit(column)
-        if field and value and value.strip().casefold() not in NOT_MEASURED:
-            found[field] = f"{value} {unit * without_unit(value)}".strip()
+    found = {
+        field: f"{value} {unit * without_unit(value)}".strip()
+        for column, value in row.items()
+        for field, unit in [field_and_unit(column)]
+        if field and value and value.strip().casefold() not in NOT_MEASURED
+    }
     return {name: value for name, value in found.items() if name.removesuffix("_error") in found}
 
 
@@ -140,8 +148,10 @@ def without_slump(measured: dict[str, str]) -> dict[str, str]:
     test, (_, base, _) = Measurements(**measured | {"slump": "1"}), dimensions(emulator_of())
     flows = [name for name in ("t500", "mini_cone", "v_funnel") if name in measured]
     flows += ["slump flow"] if test.spread and test.spread - 3.0 * test.spread_error > base else []
-    why = f"slump = 0 m: such a mix has no {' and no '.join(flows)}; must be an empty cell if it was not measured"
-    require(not flows, why)
+    require(
+        not flows,
+        f"slump = 0 m: such a mix has no {' and no '.join(flows)}; must be an empty cell if it was not measured",
+    )
     kept = {name: value for name, value in measured.items() if name in ("rho", "plastic_viscosity", "slump_error")}
     return kept | {"slump": str(test.slump_error)}
 
@@ -153,8 +163,10 @@ def calibrate_row(row: dict[str, str], study=None) -> dict:
     try:
         require(ROW_ERROR not in row, row.pop(ROW_ERROR, ""))
         measured = measurements_of(row)
-        tests = ", ".join(NAMES.values())
-        require(measured.keys() & set(FIELD_OF_RESULT.values()), f"has no measurement, none of {tests}")
+        require(
+            measured.keys() & set(FIELD_OF_RESULT.values()),
+            f"has no measurement, none of {', '.join(NAMES.values())}",
+        )
         used = without_slump(measured) if has_zero_slump(measured) else measured
         found = calibrate(**used, study=study, check=False)
         require(
@@ -183,9 +195,8 @@ def columns_of(found: Calibration) -> dict:
         }
     for name in (name for name in NAMES if name in found.measured or name in CONE_RESULTS):
         constant = "plastic_viscosity" if is_time(name) else "yield_value"
-        separate = found.alone.get(constant, {}).get(name, (None,))
         columns |= {
-            f"{constant}_by_{name.rpartition('_')[0]}": separate[0],
+            f"{constant}_by_{name.rpartition('_')[0]}": found.alone.get(constant, {}).get(name, (None,))[0],
             f"{name}_model": mix.model.get(name),
             f"{name}_missed": mix.missed.get(name),
         }

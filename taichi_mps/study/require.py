@@ -35,8 +35,10 @@ class Wanted(Checked):
 
     @model_validator(mode="after")
     def _spans_a_range(self):
-        text = f"softest = {self.softest:g} Pa: must be less than stiffest = {self.stiffest:g} Pa"
-        require(self.softest < self.stiffest, text)
+        require(
+            self.softest < self.stiffest,
+            f"softest = {self.softest:g} Pa: must be less than stiffest = {self.stiffest:g} Pa",
+        )
         return self
 
 
@@ -127,9 +129,9 @@ def require_bingham(form, parameters: dict) -> None:
     fields = catalogue.load(form.name).parameters.model_fields
     given = [name for name in parameters if name in LAW_OF]
     numbers = ", ".join(f"{name} = {quote(form.parameters[name], unit_of(fields[name]))}" for name in given)
-    bingham = form.material.straight and not parameters.keys() & form.material.viscous
     require(
-        bingham, f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out"
+        form.material.straight and not parameters.keys() & form.material.viscous,
+        f"{numbers}: the mixes that are looked for, and their slumps, are of Bingham's law; must be left out",
     )
 
 
@@ -139,9 +141,8 @@ def find_borders(
     """Return the borders of all plastic viscosities and the rows of the runs that found them, which are kept in the
     folder ``out`` and not computed again."""
     low, high = wanted.softest, wanted.stiffest
-    keywords = catalogue.load(scene).parameters.model_fields
-    defaults = {"fill_ratio": 1.0} if "fill_ratio" in keywords else {}
-    parameters = defaults | parameters | {"until": wanted.time}
+    fills_all = {"fill_ratio": 1.0} if "fill_ratio" in catalogue.load(scene).parameters.model_fields else {}
+    parameters = fills_all | parameters | {"until": wanted.time}
     form = catalogue.build(scene, **parameters)
     require(form.cavity is not None, f"scene {form.name}: has no cavity to fill; must be a form, such as wall")
     ratio = form.parameters.get("fill_ratio", 1.0)
@@ -159,8 +160,9 @@ def find_borders(
         brackets = {eta: bracket(mixes, eta, low, high) for eta in viscosities}
         if not new:
             break
-        for tau_y, eta in new:
-            planned[tau_y, eta] = case_of(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta)
+        planned |= {
+            (tau_y, eta): case_of(scene, **parameters, yield_value=tau_y, plastic_viscosity=eta) for tau_y, eta in new
+        }
         rows = run_cases(list(planned.values()), out, run, executor, workers, watch)
     by_mix, density = dict(zip(planned, rows, strict=True)), rows[0].get("density") or DENSITY
     missing = {mix: 1.0 - row.get(FILLED, math.nan) for mix, row in by_mix.items()}

@@ -49,23 +49,18 @@ def begin(scene: Scene, compiles=lambda: None, most: int = MAX_KEPT) -> Simulati
 def shape_of(problem: Problem) -> bytes:
     """Digest of all of a problem that is compiled into kernels: the scene except FREE, the numerics, and the numbers of
     the mix that kernels do not read from fields. Problems with equal digests share their kernels."""
-    scene = problem.scene
-    bare = [getattr(scene, field.name) for field in fields(scene) if field.name not in FREE]
-    mixes = [scene.mix_of(inlet) for inlet in scene.inlets]  # one may be that of the scene
+    scene, material = problem.scene, problem.scene.material
     has_friction = any(wall.friction for wall in scene.walls)  # friction keeps the slope of the flow curve, too
-    material = scene.material
-    numbers = material.model_dump(exclude=set(material.from_fields))
-    slope = material.typical_slope if has_friction else None
     parts = (
-        bare,
+        [getattr(scene, field.name) for field in fields(scene) if field.name not in FREE],
         problem.scheme,
         repr(problem.numerics),
         problem.law,
         type(material),
-        numbers,
+        material.model_dump(exclude=set(material.from_fields)),
         material.ages,
-        slope,
-        mixes,
+        material.typical_slope if has_friction else None,
+        [scene.mix_of(inlet) for inlet in scene.inlets],  # one may be that of the scene
     )
     return hashlib.sha256(json.dumps(parts, default=as_json).encode()).digest()
 

@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
 from contextlib import contextmanager, nullcontext, suppress
-from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from time import monotonic
@@ -24,7 +23,7 @@ from ..engine import Concrete, Problem
 from ..forecast.accuracy import choose
 from ..input import catalogue
 from ..input.catalogue import SceneName
-from ..units import Count, Place, SceneError, Text, in_unit, require, validated
+from ..units import Count, Place, SceneError, Text, in_unit, require, require_package, validated
 from .case import LOST, Case, case_of, row_without_result, run_case
 from .tables import open_results
 
@@ -52,11 +51,9 @@ def values(text: Text, key: Text = "values") -> list[str]:
             raise ValueError
     except ValueError:
         raise SceneError(f"{key} = {text}: must be a list, 20,50,100, or first:last:number[:linear]") from None
-    allowed = steps or min(low, high) > 0.0
-    require(allowed, f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
+    require(steps or min(low, high) > 0.0, f"{key} = {text}: equal ratios need values above 0; must be, or add :linear")
     require(count <= MAX_CASES, f"{key} = {text}: must be at most {MAX_CASES} values")
-    points = np.linspace(low, high, count) if steps else np.geomspace(low, high, count)
-    return [f"{point:.4g}" for point in points]
+    return [f"{point:.4g}" for point in (np.linspace if steps else np.geomspace)(low, high, count)]
 
 
 @validated
@@ -271,7 +268,7 @@ def end_with_parent():
 @contextmanager
 def dask(address: str):
     """Open the workers of a running scheduler: dask worker ADDRESS --nworkers N --nthreads 1."""
-    require(find_spec("distributed"), f"executor = {address}: needs distributed: pip install 'taichi-mps[cluster]'")
+    require_package("distributed", f"executor = {address}: needs", "cluster")
     from distributed import Client
 
     try:
@@ -293,6 +290,7 @@ def executor_of(text: str | Executor, workers: int | None):
         workers = workers or os.cpu_count() or 1
         return lambda: processes(workers), workers
     slurm = "; Slurm starts workers of Dask, see docs/howto/cluster.md" * text.startswith("slurm:")
-    known = re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text)
-    require(known, f"executor = {text}: must be dask://HOST:PORT or local{slurm}")
+    require(
+        re.fullmatch(r"dask://[^\s/]+:\d{1,5}", text), f"executor = {text}: must be dask://HOST:PORT or local{slurm}"
+    )
     return lambda: dask(text), workers

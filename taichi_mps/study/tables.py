@@ -11,13 +11,12 @@ import os
 import re
 import unicodedata
 from contextlib import contextmanager, suppress
-from importlib.util import find_spec
 from pathlib import Path
 
 from ..input.labels import is_measure
 from ..io.lock import held
 from ..spelling import in_unit
-from ..units import SceneError, regular_file, require, user_path
+from ..units import SceneError, regular_file, require, require_package, user_path
 
 LOCK = "study.lock"
 JOURNAL = "journal.jsonl"
@@ -40,8 +39,10 @@ COLUMN_NAMES = {
     "plastic_viscosity": "plastischeviskosität 塑性粘度",
     "rho": "density ρ unitweight rohdichte frischbetonrohdichte massevolumique volumiekemassa 密度 単位容積質量",
 }
-IGNORED_WORDS = {"value", "mean", "average", "avg", "measured", "test", "the", "of", "fresh", "concrete"}
-IGNORED_WORDS |= {"wert", "mittelwert", "diameter", "平均"}
+IGNORED_WORDS = {
+    *("value", "mean", "average", "avg", "measured", "test", "the", "of", "fresh", "concrete"),
+    *("wert", "mittelwert", "diameter", "平均"),
+}
 # two kana or kanji, or one apart from letters; one beside letters is an apostrophe, a dash or oe of cp1252
 SHIFT_JIS = re.compile(
     rb"[\x81-\x9f][\x40-\xfc][\x81-\x9f\xe0-\xef][\x40-\xfc]"
@@ -115,10 +116,7 @@ def read_list(path, key: str = "table") -> list[dict[str, str]]:
 def sheet_as_csv(data: bytes, where: str) -> str:
     """Text of the first sheet of an Excel workbook as CSV with semicolons, a line for each row; of formulas their last
     values. SceneError, which begins with ``where``, for any other zipped file, and without openpyxl."""
-    require(
-        find_spec("openpyxl"),
-        f"{where}an Excel sheet needs openpyxl: pip install 'taichi-mps[excel]', or save it as CSV",
-    )
+    require_package("openpyxl", f"{where}an Excel sheet needs", "excel", ", or save it as CSV")
     import openpyxl
 
     file = io.StringIO()
@@ -141,12 +139,10 @@ def cell_text(value) -> str:
 
 def decoded(data: bytes) -> str:
     """Decode a file: UTF-8, UTF-16 by its mark, or what Excel writes in Japan (Shift-JIS) and western Europe."""
-    utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-    japanese = SHIFT_JIS.search(data)
-    for encoding, may_be in (("utf-16", utf16), ("utf-8-sig", True), ("cp932", japanese)):
-        if may_be:
-            with suppress(UnicodeDecodeError):
-                return data.decode(encoding)
+    may_be = {"utf-16": data[:2] in (b"\xff\xfe", b"\xfe\xff"), "utf-8-sig": True, "cp932": SHIFT_JIS.search(data)}
+    for encoding in filter(may_be.get, may_be):
+        with suppress(UnicodeDecodeError):
+            return data.decode(encoding)
     return data.decode("cp1252")
 
 
@@ -234,8 +230,10 @@ def open_results(folder):
     """Open the results of a study's folder, which is made if need be; one study at a time may write there."""
     folder = user_path(folder)
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    foreign = present - {LOCK} and JOURNAL not in present
-    require(not foreign, f"out = {folder}: holds other files and no study; must be a new or a study's folder")
+    require(
+        not (present - {LOCK} and JOURNAL not in present),
+        f"out = {folder}: holds other files and no study; must be a new or a study's folder",
+    )
     with held(folder, LOCK, "another study, process"), open(folder / JOURNAL, "a+b") as file:
         yield Results(folder, file)
 
@@ -263,8 +261,7 @@ def read(path) -> list[dict]:
     rows = read_list(path)
     wrong = next((row[ROW_ERROR] for row in rows if ROW_ERROR in row), None)
     require(not wrong, f"table = {path}: {wrong}")
-    none = f"table = {path}: has no column status; must be a study's folder or its results.csv"
-    require("status" in rows[0], none)
+    require("status" in rows[0], f"table = {path}: has no column status; must be a study's folder or its results.csv")
     return [{name: parse_number(cell) for name, cell in row.items()} for row in rows]
 
 
@@ -277,5 +274,4 @@ def parse_number(text: str):
 
 def measures(rows) -> list[str]:
     """Return the columns that are results of the scene and have a unit."""
-    names = dict.fromkeys(name for row in rows for name in row)
-    return [name for name in names if is_measure(name)]
+    return [name for name in dict.fromkeys(name for row in rows for name in row) if is_measure(name)]

@@ -83,11 +83,10 @@ def surface_of(scene, part: Snapshot, cube: float, fields) -> tuple[Snapshot, np
     rays = np.stack([np.cos(angle), np.sin(angle)], -1)
     x, normals = (np.insert(v[:, None, :1] * rays, 2, v[:, 1:], axis=2).reshape(-1, 3) for v in (section.x, normals))
     (a, b), (c, d) = (parts.T[:, :, None] * SECTORS + np.roll(here, -k) for k in (0, 1))
-    triangles = np.concatenate([np.stack(corners, -1).reshape(-1, 3) for corners in ((a, b, c), (b, d, c))])
     return (
         replace(section, x=x, **{name: np.repeat(getattr(section, name), SECTORS, 0) for name in ("u", *SCALARS)}),
         normals,
-        triangles,
+        np.concatenate([np.stack(corners, -1).reshape(-1, 3) for corners in ((a, b, c), (b, d, c))]),
     )
 
 

@@ -32,8 +32,7 @@ class Overlay:
             with np.errstate(divide="ignore"):
                 away = (face[0] - self.camera.eye) @ normal / rays
             seen = np.asarray(mask, bool) & (away < self.depth[top:bottom, left:right])
-            opacity = Image.fromarray((255 * GLASS_OPACITY * seen).astype(np.uint8))
-            self.image.paste(GLASS, (left, top), opacity)
+            self.image.paste(GLASS, (left, top), Image.fromarray((255 * GLASS_OPACITY * seen).astype(np.uint8)))
 
     def lines(self, lines, colour, dashed=False) -> None:
         """Draw polylines (k, d) [m] where the body does not hide them, anti-aliased by drawing at twice the size."""
@@ -56,8 +55,7 @@ class Overlay:
     def rulers(self, low, high, tick) -> None:
         """Draw rulers in cm in the plane through the axis or the middle of the width: along the floor where no body
         hides it, and upright at its left."""
-        y = 0.5 * (low[1] + high[1])
-        corner = np.array([low[0], y, low[2]])
+        corner = np.array([low[0], 0.5 * (low[1] + high[1]), low[2]])
         for axis, zero, side, anchor in ((0, 0.0, (0, 1), "mt"), (2, low[2], (-1, 0), "rm")):
             first, last = (np.array([low[axis], high[axis]]) - zero) / tick
             ticks = np.arange(np.ceil(first - 1e-6), np.floor(last + 1e-6) + 1)
@@ -101,8 +99,15 @@ class Overlay:
     def write(self, at, text, size=17, colour=INK, anchor="la", halo=0) -> None:
         """Write text, its size in pixels of a picture 720 high; ``halo``: width of the background around it."""
         paper = tuple(int(255 * part) for part in BACKGROUND)
-        options = {"stroke_width": round(halo * self.unit), "stroke_fill": paper}
-        self.pen.text(tuple(at), text, fill=colour, font=font(size * self.unit), anchor=anchor, **options)
+        self.pen.text(
+            tuple(at),
+            text,
+            fill=colour,
+            font=font(size * self.unit),
+            anchor=anchor,
+            stroke_width=round(halo * self.unit),
+            stroke_fill=paper,
+        )
 
 
 @cache
@@ -124,5 +129,4 @@ def with_film_speed(image, every, fps):
 def speed_in_words(speed: float) -> str:
     """Format the speed of a film relative to the flow in words."""
     words = {1.0: "real time", 0.5: "half speed", 0.25: "quarter speed", 2.0: "double speed"}
-    near = next((name for value, name in words.items() if abs(speed / value - 1.0) < 0.01), None)
-    return near or f"{speed:.2g}x speed"
+    return next((name for value, name in words.items() if abs(speed / value - 1.0) < 0.01), f"{speed:.2g}x speed")

@@ -44,8 +44,10 @@ class Camera:
         self.focal = 0.5 * height / np.tan(0.5 * np.radians(view_angle))  # [pixels]
         across, up, ahead = (np.asarray(points, float) @ self.axes.T).T
         left, top, right, bottom = (np.array(frame) - 0.5) * [width, height, width, height] / self.focal
-        bounds = [(max(across - right * ahead), min(across - left * ahead), right - left)]
-        bounds += [(max(up + top * ahead), min(up + bottom * ahead), bottom - top)]
+        bounds = [
+            (max(across - right * ahead), min(across - left * ahead), right - left),
+            (max(up + top * ahead), min(up + bottom * ahead), bottom - top),
+        ]
         z = min((low - high) / room for high, low, room in bounds)  # nearest at which both directions fit
         x = 0.5 * (bounds[0][0] + bounds[0][1] + (right + left) * z)
         y = 0.5 * (bounds[1][0] + bounds[1][1] - (bottom + top) * z)

@@ -96,8 +96,10 @@ def viridis(t):
 
 def require_grains(scene, view: str, cut: bool) -> None:
     """Refuse what is shown of grains where there are none."""
-    there = scene.grains or not (cut or view == "distance")
-    require(there, "cut, view = distance: the scene has no grains; must be left out")
+    require(
+        scene.grains or not (cut or view == "distance"),
+        "cut, view = distance: the scene has no grains; must be left out",
+    )
 
 
 class Renderer:
@@ -152,8 +154,7 @@ class Renderer:
         require_grains(scene, view, cut)
         self.beads = beads or (scene.dimension == 2 and not scene.axisymmetric)
         self.limits = limits or max(self._limits(other, view) for other in (scene, *beside))
-        floor = view_volume(scene)[2]
-        lows, highs, _ = zip(*(view_volume(other) for other in (scene, *beside)), strict=True)
+        lows, highs, floors = zip(*(view_volume(other) for other in (scene, *beside)), strict=True)
         self.low, self.high = np.min(lows, axis=0), np.max(highs, axis=0)
         self.middle = 0.5 * (self.low[1] + self.high[1])
         corners = np.stack(np.meshgrid(*zip(self.low, self.high, strict=True)), -1).reshape(-1, 3)
@@ -162,7 +163,7 @@ class Renderer:
         tilt = np.radians(15.0 if scene.dimension == 3 or scene.axisymmetric else 0.0)
         self.camera = Camera((0.0, np.cos(tilt), -np.sin(tilt)), corners, width, height, (0.09, 0.17, 0.88, 0.89))
         relief = 1.0 if view in GRAIN_VIEWS else 0.7
-        self.painter = Painter(self.camera, corners, DRAWN_RADIUS * scene.spacing, floor, self.tick, relief)
+        self.painter = Painter(self.camera, corners, DRAWN_RADIUS * scene.spacing, floors[0], self.tick, relief)
 
     @staticmethod
     def _limits(scene, view):
@@ -253,9 +254,8 @@ class Renderer:
     def _titles(self, over, snapshot, measures):
         unit = over.unit
         mix = mix_in_words(self.scene.material.facts()).removeprefix("yield stress 0 Pa, plastic ").replace(", ", "   ")
-        flow = f"{mix}   particle size {1e3 * self.scene.spacing:g} mm"
         over.write((28 * unit, 22 * unit), self.scene.name, 26)
-        over.write((28 * unit, 58 * unit), flow, 16, FAINT)
+        over.write((28 * unit, 58 * unit), f"{mix}   particle size {1e3 * self.scene.spacing:g} mm", 16, FAINT)
         shown = [
             f"{name} {round(100 * measures[key], 1) + 0.0:.1f} cm"
             for key, name in TITLE_MEASURES.items()
@@ -387,8 +387,9 @@ def gif(
     ...     out.stat().st_size > 0
     True
     """
-    good = out.suffix.lower() == ".gif"
-    require(good, f"out = {out}: must end in .gif; 'taichi-mps render RUN --film' writes an MP4")
+    require(
+        out.suffix.lower() == ".gif", f"out = {out}: must end in .gif; 'taichi-mps render RUN --film' writes an MP4"
+    )
     paths = [frames] if isinstance(frames, Path) else list(frames)
     if len(paths) == 1 and paths[0].is_dir():
         paths = sorted(paths[0].glob("frame_*.png")) or sorted(paths[0].glob("*.png"))
@@ -406,6 +407,13 @@ def gif(
     common, rare = sheet.quantize(208), sheet.quantize(48, Image.Quantize.MAXCOVERAGE)  # smooth greys, thin red lines
     palette.putpalette(common.getpalette()[: 3 * 208] + rare.getpalette()[: 3 * 48])
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    options = {"duration": round(1000 / fps), "loop": 0, "optimize": True}
     with writing("out", out):
-        pictures[0].save(out, "GIF", save_all=True, append_images=pictures[1:], **options)
+        pictures[0].save(
+            out,
+            "GIF",
+            save_all=True,
+            append_images=pictures[1:],
+            duration=round(1000 / fps),
+            loop=0,
+            optimize=True,
+        )

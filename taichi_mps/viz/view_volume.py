@@ -10,11 +10,10 @@ MIN_DIMENSION = 0.03  # of the longest side of the view volume: shorter lengths 
 
 def with_mirror_images(scene, line):
     """Polyline (k, d) [m] as (k, 3), with its images behind the mirror planes of the scene and across its axis."""
-    lines = [embed(line)]
-    if scene.axisymmetric:
-        lines.append(lines[0] * (-1.0, 1.0, 1.0))
+    line = embed(line)
+    lines = [line, line * (-1.0, 1.0, 1.0)] if scene.axisymmetric else [line]
     for plane in scene.mirrors:
-        point, normal = embed([plane.point, plane.normal])
+        normal, point = embed([plane.normal, plane.point])
         lines += [reflected(other, normal, point) for other in lines]
     return lines
 
@@ -45,9 +44,7 @@ def wall_lines(scene, low, high, time):
     mirror images included."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     edges, y = [], 0.5 * (y0 + y1)
-    for wall in scene.walls:
-        if len(scene.vessel) and not np.any(wall.travel):
-            continue  # drawn as glass
+    for wall in (wall for wall in scene.walls if np.any(wall.travel) or not len(scene.vessel)):  # others are glass
         if isinstance(wall, Cylinder):
             edges += [circle + wall.displacement(time) for circle in wall.circles]
         elif isinstance(wall, Solid):
@@ -90,6 +87,12 @@ def dimensions(scene, measures, low, high, front) -> list[dict]:
     found = []
     for key in lines.keys() & {key for key, length in measures.items() if least < length < np.inf}:
         a, b, side = lines[key](measures[key])
-        text = f"{title(key)} {written(key, measures[key])}"
-        found.append({"a": [*map(float, a)], "b": [*map(float, b)], "near": float(side), "text": text})
+        found.append(
+            {
+                "a": [*map(float, a)],
+                "b": [*map(float, b)],
+                "near": float(side),
+                "text": f"{title(key)} {written(key, measures[key])}",
+            }
+        )
     return sorted(found, key=lambda one: one["text"])

@@ -648,5 +648,5 @@ def test_its_end_is_silent_about_a_preview_under_way(tmp_path):
 
 
 def test_without_the_extra_it_says_how_to_get_it(monkeypatch, command):
-    monkeypatch.setattr("taichi_mps.app.command.find_spec", lambda name: None)
+    monkeypatch.setattr("taichi_mps.units.find_spec", lambda name: None)
     assert command("app") == (2, "", "taichi-mps: app needs starlette: pip install 'taichi-mps[app]'\n")

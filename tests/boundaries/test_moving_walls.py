@@ -156,11 +156,11 @@ def test_the_mould_holds_the_concrete_and_is_lifted_off_it():
 def test_the_mould_of_rings_holds_them_and_gone_fast_is_gone_at_once():
     sims, inside = {}, []
     for speed in (0.15, 5.0, None):
-        sims[speed] = sim = mps.Simulation(lifted(lift_speed=speed, model="axisymmetric", spacing=0.01))
+        sims[speed] = sim = mps.Simulation(lifted(lift_speed=speed, model="axisymmetric", spacing=0.005))
         if speed == 0.15:
             mould = sim.scene.walls[-1]
             sim.every(0.1, lambda sim, mould=mould: inside.append(mould.distance(sim.snapshot().x, sim.time).min()))
         assert sim.run() == "rest"
     assert sims[0.15].time > 2.0 and min(inside) > 0.0
     fast, gone = ([sims[speed].measures()[key] for key in ("slump_m", "spread_m")] for speed in (5.0, None))
-    assert fast == pytest.approx(gone, abs=0.001)  # a tenth of the spacing
+    assert fast == pytest.approx(gone, abs=0.001)  # at 5 mm both scatter by 0.1 mm, at 10 mm by 0.3 (docs/models.md)

@@ -89,33 +89,21 @@ def test_a_case_of_a_scene_of_ones_own_names_its_file_from_where_the_case_lies(t
         ("scene = 'slump'\n[expert]\nscheme = 'newest'", "scheme = newest: must be 'implicit' or 'semi-implicit'"),
         ("scene = 'slump'\n[output]\nout = 'here'", "unknown key 'out'"),
         ("scene = = 3", "is no TOML"),
+        ("scene = 'slump'\n[output]\nplots = true", "key 'plots': report.html draws .*; version 0.3.0 reads a case of"),
+        (
+            "scene = 'slump'\n[expert]\nrenderer = 'software'",
+            "key 'renderer': .*; version 0.3.0 reads a case of version",
+        ),
+        (
+            "scene = 'film'\n[expert]\nscheme = 'semi-implicit'\nsource = 'mixed'\ngradient = 'smallest'",
+            "key 'source': the scheme semi-implicit has two forms.*; version 0.3.0 reads a case of version 0.2",
+        ),
     ],
 )
 def test_what_is_no_case_is_refused_in_one_line(tmp_path, text, message):
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
     with pytest.raises(mps.SceneError, match=message):
         planned("run", [str(tmp_path / "case.toml")])
-
-
-def test_a_case_may_have_the_switch_for_curves_that_is_gone(tmp_path):
-    path = tmp_path / "case.toml"
-    path.write_text("scene = 'slump'\n[output]\nplots = true\nbeads = true\n", encoding="utf-8")
-    assert planned("run", [str(path)])[1].beads
-
-
-@pytest.mark.parametrize(
-    ("literal", "source", "gradient", "is_read"),
-    [(True, "density", "literal", True), (False, "mixed", "smallest", True), (True, "mixed", "smallest", False)],
-)
-def test_a_case_of_0_2_has_one_of_the_two_forms_of_the_papers_scheme(tmp_path, literal, source, gradient, is_read):
-    path = tmp_path / "case.toml"
-    form = f"literal = {str(literal).lower()}\nsource = '{source}'\ngradient = '{gradient}'\n"
-    path.write_text(f"scene = 'film'\n[expert]\nscheme = 'semi-implicit'\n{form}", encoding="utf-8")
-    if is_read:
-        assert planned("run", [str(path)])[2].numerics.literal is literal
-    else:
-        with pytest.raises(mps.SceneError, match="'source': the scheme semi-implicit has two forms"):
-            planned("run", [str(path)])
 
 
 def test_new_prints_a_case(tmp_path, capsys):

@@ -74,7 +74,7 @@ def test_without_standard_streams_commands_end_as_with_them_and_no_file_takes_th
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full of Linux")
 @pytest.mark.parametrize("buffered", ["", "1"])
-@pytest.mark.parametrize("words", [["--version"], ["scenes", "--json"], ["info", ROOT / "tests/io/written_by_0.2.0"]])
+@pytest.mark.parametrize("words", [["--version"], ["scenes", "--json"], ["info", ROOT / "tests/io/written_by_0.3.0"]])
 def test_output_that_cannot_be_written_is_one_line(tmp_path, words, buffered):
     with open("/dev/full", "w") as full:
         settings = {"stdout": full, "stderr": subprocess.PIPE, "env": {"PYTHONUNBUFFERED": buffered}}

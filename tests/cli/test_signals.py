@@ -118,7 +118,7 @@ def test_a_signal_that_an_import_swallowed_still_stops_the_run(tmp_path):
         ["--help"],
         ["run", "slump", "--help"],
         ["info", "--json"],
-        ["info", ROOT / "tests" / "io" / "written_by_0.2.0"],
+        ["info", ROOT / "tests" / "io" / "written_by_0.3.0"],
         pytest.param([*RUN[:-1], "--until=0.002"], marks=pytest.mark.slow),
     ],
 )

@@ -204,5 +204,3 @@ def test_parameters_are_the_numbers_of_the_law_and_make_the_same_scene_again(num
     viscous = {law.viscous[0] for law in LAWS if scene.parameters[law.viscous[0]] is not None}
     assert viscous == {scene.material.viscous[0]} and numbers.items() <= scene.parameters.items()
     assert mps.catalogue.rebuild("l_flow", json.loads(json.dumps(scene.parameters))).material == scene.material
-    before = scene.parameters | {"plastic_viscosity": 50.0}  # of a checkpoint of before 0.3
-    assert mps.catalogue.rebuild("l_flow", before).material == scene.material

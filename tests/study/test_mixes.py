@@ -276,7 +276,7 @@ def test_any_list_is_refused_in_one_line_or_gives_every_row_a_verdict(tmp_path_f
 
 
 def test_a_sheet_without_the_extra_says_how_to_get_it(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(tables, "find_spec", lambda name: None)
+    monkeypatch.setattr("taichi_mps.units.find_spec", lambda name: None)
     assert mps.main(["calibrate", "--table", str(written(tmp_path, sheet(["slump"], [0.2])))]) == 2
     needs = "an Excel sheet needs openpyxl: pip install 'taichi-mps[excel]', or save it as CSV"
     assert capsys.readouterr().err.endswith(f"mixes.csv: {needs}\n")

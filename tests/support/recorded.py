@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import taichi_mps as mps
-from taichi_mps.io.history import RESIDUALS
+from taichi_mps.io.history import COLUMNS, REPORT_ATTRIBUTES
 from taichi_mps.io.recorder import Recorder
 from taichi_mps.io.run_folder import RunFolder
 
@@ -29,9 +29,8 @@ class Falling:
     def step(self):
         self.steps += 1
         self.time = self.steps * self.dt
-        names = "max_speed kinetic_energy unyielded_fraction flowing_fraction outer_iterations solver_iterations"
-        values = dict.fromkeys((*names.split(), "volume_error", "volume_error_max", *RESIDUALS), 1.0)
-        self.report = SimpleNamespace(step=self.steps, time=self.time, dt=self.dt, dt_limit="Courant", **values)
+        values = dict.fromkeys([REPORT_ATTRIBUTES.get(key, key) for key in COLUMNS], 1.0)
+        self.report = SimpleNamespace(**values | {"step": self.steps, "time": self.time, "dt": self.dt})
         for callback in self.callbacks:
             callback(self)
         self.record_output(self)
