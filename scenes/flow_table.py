@@ -95,6 +95,7 @@ def scene(
         over_time=over_time,
         check=check,
         mould=cone,
+        outline=() if rings else (0.5 * TABLE * np.array([(-1, 0, 0), (-1, 1, 0), (1, 1, 0), (1, 0, 0)]),),  # its plate
     )
 
 

@@ -4,11 +4,11 @@ is filled of a form."""
 import base64
 import re
 import zlib
-from itertools import groupby, pairwise
+from itertools import chain, groupby, pairwise
 
 import numpy as np
 
-from ..engine import Snapshot, embed, frame_between, still
+from ..engine import Cylinder, Snapshot, embed, frame_between, still
 from ..input.labels import in_words, title, unit_of_measure
 from ..units import require
 from ..viz.body import GRAINS, SECTORS, grains_of, profile, smooth_surface
@@ -38,10 +38,11 @@ def drawings(run, film: dict, last: Snapshot) -> dict:
     }
 
 
-def surroundings(scene, film: dict) -> dict:
-    """A film with what stands around its body. Lengths [m]; lines as three lists x, y, z, with None between two."""
+def surroundings(scene, film: dict, lines=()) -> dict:
+    """A film with what stands around its body, its outline and more ``lines``. Lengths [m]; lines as three lists x, y,
+    z, with None between two."""
     walls_low, walls_high, floor = view_volume(scene)
-    outline = [line for each in scene.outline for line in with_mirror_images(scene, each)]
+    outline = [line for each in (*scene.outline, *lines) for line in with_mirror_images(scene, each)]
     body = np.array(film["low"]) + np.outer((0, MAX_POSITION_CODE), film["step"])
     if film["corners"][-1] == 2:  # the film has the section of the body
         body = body[1, 0] * np.array([(-1.0, -1.0, 0.0), (1.0, 1.0, 0.0)]) + body * (0.0, 0.0, 1.0)
@@ -66,22 +67,39 @@ def surroundings(scene, film: dict) -> dict:
 
 def beginning(scene) -> dict | None:
     """Data of the body before it flows, at a hose its first layer, as a film of one picture with the lengths of the
-    vessel or, without one, of the body; None for more than MAX_BEGINNING particles."""
-    parts = [x for x in (scene.fluid, *(inlet.layer(scene.spacing) for inlet in scene.inlets)) if x is not None]
+    vessel or, without one, of the body, and the ends of hoses that move; None for more than MAX_BEGINNING particles."""
+    layers = [scene.inlet_layer(inlet) + inlet.displacement(0.0) for inlet in scene.inlets]
+    parts = [x for x in (scene.fluid, *layers) if x is not None]
     if sum(map(len, parts)) > MAX_BEGINNING:
         return None
     film = packed_film([surface_geometry(scene, still(np.vstack(parts), scene.spacing))], [0.0], [[]])
-    drawn, deep = surroundings(scene, film), scene.dimension == 3 and not scene.mould  # a diameter is told once
-    corners = np.concatenate(scene.vessel) if len(scene.vessel) else np.array([drawn["low"], drawn["high"]])
+    hoses = [inlet for inlet in scene.inlets if inlet.path is not None and inlet.height is None]
+    ends = [hose_end(inlet) for inlet in hoses if scene.dimension == 3]
+    drawn, told = surroundings(scene, film, chain.from_iterable(ends)), surroundings(scene, film)
+    deep = scene.dimension == 3 and not scene.mould  # a diameter is told once
+    corners = np.concatenate(scene.vessel) if len(scene.vessel) else np.array([told["low"], told["high"]])
     (x0, y0, z0), (x1, y1, z1) = corners.min(0).tolist(), corners.max(0).tolist()
     drawn["film"]["dimensions"] = [
         [
-            {"a": a, "b": b, "near": y0, "straight": True, "text": inputs.shown(float(np.subtract(b, a).sum()), "m")}
+            {
+                "a": a,
+                "b": b,
+                "near": y0,
+                "straight": True,
+                "text": inputs.shown(round(float(np.subtract(b, a).sum()), 4), "m"),
+            }
             for a, b in (((x0, y0, z0), (x1, y0, z0)), ((x1, y0, z0), (x1, y1, z0)), ((x0, y0, z0), (x0, y0, z1)))
             if a != b and (a[1] == b[1] or deep)
         ]
     ]
     return drawn
+
+
+def hose_end(inlet) -> list[np.ndarray]:
+    """Lines (k, 3) [m] of the end of a hose, as long as it is wide, where it is at first."""
+    place, back = tuple(np.add(inlet.centre, inlet.displacement(0.0))), tuple(-inlet.unit_direction)
+    rims = Cylinder(place, inlet.radius, axis=back, length=2.0 * inlet.radius).circles
+    return [*rims, *np.stack(rims, axis=1)[:-1:18]]
 
 
 def polyline_coordinates(lines) -> list[list]:

@@ -6,9 +6,11 @@ from pathlib import Path
 from ..engine import NUMERICS
 from ..input import catalogue
 from ..input.labels import in_words, option_name
+from ..spelling import in_unit
 from ..units import unit_of
 
 OMITTED = {"accuracy"}  # keyword that chose model and spacing, which are shown instead
+MAX_DIGITS = 12  # characters of a number as it stands
 DEFAULT_BACKEND = {"arch": "cpu", "precision": "f32", "scheme": "implicit"}
 
 
@@ -49,9 +51,10 @@ def command(source: str, summary: dict, every: float | None = None, until: float
     """Command line, after ``taichi-mps``, that repeats a run, without options at their defaults. ``every``: interval of
     the outputs [s], if it is not the usual one; ``until``: time limit [s], if it is not that of the scene with these
     keywords; ``fields``: those of the scene, by default of a built-in one. A scene file is named without its folder."""
+    fields = fields or fields_of(source)
     numerics = NUMERICS[summary["scheme"]]().model_dump()
     defaults = {
-        **{key: field.default for key, field in (fields or fields_of(source)).items()},
+        **{key: field.default for key, field in fields.items()},
         **numerics,
         **DEFAULT_BACKEND,
     }
@@ -63,10 +66,16 @@ def command(source: str, summary: dict, every: float | None = None, until: float
         **{key: summary["backend"][key] for key in ("arch", "precision")},
         **({} if until is None else {"until": float(f"{until:.9g}")}),
     }
-    words = [option(key, value, options) for key, value in options.items()
+    words = [option(key, shorter(value, fields.get(key)), options) for key, value in options.items()
             if value not in (None, "") and key not in OMITTED
             and (value != defaults[key] if key in defaults else value is not False)]  # fmt: skip
     return shlex.join(["run", source if source in catalogue.names() else Path(source).name, *words])
+
+
+def shorter(value, field):
+    """The text that ``shown`` gives of a number with many digits, where it reads as that number, else the value."""
+    unit = unit_of(field) if field and isinstance(value, float) and len(repr(value)) > MAX_DIGITS else ""
+    return shown(value, unit) if unit and in_unit(unit, shown(value, unit)) == value else value
 
 
 def option(key: str, value, others=()) -> str:

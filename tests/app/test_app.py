@@ -318,10 +318,19 @@ def test_a_length_asks_for_its_unit_and_the_tests_are_one_stop_of_the_keyboard(t
 
 @pytest.mark.parametrize(
     ("test", "lengths"),
-    [("l_box", ["70 cm", "20 cm", "60 cm"]), ("flow_table", ["20 cm", "20 cm"]), ("vane", ["10 cm", "10 cm"])],
+    [("l_box", ["70 cm", "20 cm", "60 cm"]), ("flow_table", ["70 cm", "20 cm"]), ("vane", ["10 cm", "10 cm"])],
 )
 def test_a_vessel_has_its_lengths_a_round_one_its_diameter_and_a_section_no_depth(test, lengths):
     assert [each["text"] for each in beginning(catalogue.build(test))["film"]["dimensions"][0]] == lengths
+
+
+def test_a_first_layer_is_drawn_whole_at_the_end_of_its_nozzle():
+    """A column 40 mm wide, of which a quarter is computed; the nozzle as long as it is wide."""
+    drawn = beginning(catalogue.build("printing", model="column"))
+    for low, step in zip(drawn["film"]["low"][:2], drawn["film"]["step"][:2], strict=True):
+        assert low + 0.5 * 4095 * step == pytest.approx(0.0, abs=1e-3)
+        assert 4095 * step == pytest.approx(0.04, abs=0.005), "a lattice of 5 mm"
+    assert max(z for z in drawn["outline"][2] if z is not None) == pytest.approx(0.04)
 
 
 LIST = "mix,slump [cm],spread [mm],note\nfive,17.99,319.3,<b>dry\nfar,15,600,\nmisread,20,200,=1\n"

@@ -194,6 +194,8 @@ def test_the_command_names_what_is_not_by_default(run):
     words = shlex.split(inputs.command("slump", run.read_summary(), 0.05))
     assert words[:2] == ["run", "slump"]
     assert set(words[2:]) == {"--model=quarter", "--spacing=0.02", "--yield-stress=500", "--until=0.4", "--every=0.05"}
+    rate = inputs.fields_of("wall")["rate"]
+    assert [inputs.shorter(value, rate) for value in (10.0 / 6e4, 0.1234567890123)] == ["10 l/min", 0.1234567890123]
     record = page.RunRecord(run, None, None)
     assert shlex.split(page.repeat_command(record))[1:] == words[1:], "the time limit that was given"
     record.summary["parameters"]["until"] = None
