@@ -109,8 +109,8 @@ TABLE = [
     Row("suspension", "spheres 4 across in a cube of six diameters in shear between plates, Newtonian, strain 1",
         KRIEGER, grains.suspensions, {"across": 4, "fractions": (0.1, 0.2, 0.3)}),
     *(
-        Row(f"suspension_fine_{100 * fraction:.0f}", f"suspension 6 across in the same cube, {fraction:g}", KRIEGER, grains.suspensions,
-            {"across": 6, "fractions": (fraction,)})
+        Row(f"suspension_fine_{100 * fraction:.0f}", f"suspension 6 across in the same cube, {fraction:g}",
+            KRIEGER, grains.suspensions, {"across": 6, "fractions": (fraction,)})
         for fraction in (0.1, 0.2, 0.3)
     ),
     Row("suspension_yield", "suspension 4 across in the same cube, a yield stress of 100 times the viscous stress",
