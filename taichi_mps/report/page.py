@@ -164,7 +164,7 @@ def view_notes(film: dict, scene) -> list[str]:
     shown = len(film["times"])
     notes = [
         (scene.dimension == 3 or scene.axisymmetric, "Drag to turn."),
-        (scene.outline, "Red: the mould, the bars or the hose."),
+        (scene.outline, "Red: the mould, the bars, the hose or the table."),
         (True, f"Flowing: the viscous part of the stress is over {FLOW_THRESHOLD:.0%} of the yield stress."),
         (
             shown < film["outputs"],
