@@ -1,5 +1,6 @@
 """python -m taichi_mps and the program taichi-mps: the command line, with the commands of all rooms."""
 
+import os
 import sys
 from collections.abc import Sequence
 
@@ -35,6 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def entry() -> None:
     """Run the program, listening to signals before anything else is imported, which takes the longest of a start."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # NumPy's threads spin between the small products of pictures
     try:
         listen()
         code = main()

@@ -459,8 +459,8 @@ def add_snapshot(file, s: Snapshot) -> int | None:
         s = with_waiting_particles(s, n, own["mouth"][()])
     for name, rows in output_rows(s, k, n, root["PointData"]).items():
         first = k * n if name.startswith(PARTICLE_DATASETS) else k
-        file[name].resize(first + len(rows), axis=0)
-        file[name][first:] = rows
+        (dataset := file[name]).resize(first + len(rows), axis=0)
+        dataset[first:] = rows
     steps.attrs["NSteps"] = k + 1
     return k
 

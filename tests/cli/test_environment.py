@@ -54,6 +54,19 @@ def test_a_run_in_an_odd_environment(tmp_path):
     assert b"home/\\udce5" in done.stdout.replace(b"\n", b"") and b"Time limit after" in done.stdout
 
 
+THREADS = """
+import atexit, os
+import taichi_mps.__main__ as program
+atexit.register(lambda: print(len(os.listdir("/proc/self/task"))))
+program.entry()
+"""
+
+
+def test_numpy_takes_one_thread_beside_a_run(tmp_path):
+    done = program(tmp_path, [sys.executable, "-c", THREADS, "--version"], capture_output=True, text=True)
+    assert done.stdout.splitlines() == [mps.__version__, "1"]
+
+
 NO_STREAMS = """
 import os, sys
 import taichi_mps as mps

@@ -20,7 +20,6 @@ import sys
 import textwrap
 import warnings
 from collections import defaultdict
-from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import product
 from types import SimpleNamespace
@@ -130,18 +129,6 @@ def sine_by_f32(angle):
     f64."""
     turns = angle / (2.0 * math.pi)
     return ti.cast(ti.sin(ti.cast(2.0 * math.pi * (turns - ti.floor(turns)), ti.f32)), ti.f64)
-
-
-@contextmanager
-def less_optimised(wanted: bool):
-    """Context in which kernels, if ``wanted``, are optimised by LLVM and not by the language: compiling takes up to a
-    fifth less time, the kernels run up to a tenth slower, and the last bits differ."""
-    settings = ti.lang.impl.current_cfg()
-    before, settings.advanced_optimization = settings.advanced_optimization, not wanted
-    try:
-        yield
-    finally:
-        settings.advanced_optimization = before
 
 
 # ---- speed patches --------------------------------------------------------------------------------------------------
