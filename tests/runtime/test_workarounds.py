@@ -105,7 +105,7 @@ def calling(function):
     return run
 
 
-def test_it_warns_of_functions_without_a_mark_and_of_long_loops_that_are_unrolled():
+def test_it_warns_of_functions_without_a_mark_and_of_long_loops_that_are_unrolled_and_optimises():
     """A marked one is called without a word, and knows the kernel that is being compiled."""
     seen = []
     with pytest.warns(SyntaxWarning, match="Calling non-"):
@@ -117,6 +117,10 @@ def test_it_warns_of_functions_without_a_mark_and_of_long_loops_that_are_unrolle
     ti.init(arch=ti.cpu, log_level=ti.ERROR)
     with pytest.warns(Warning, match="unroll"):
         calling(workarounds.for_kernels(lambda: 2))()
+    backend.init(arch="cpu", precision="f64", threads=2)
+    with workarounds.optimised(True):
+        assert ti.lang.impl.current_cfg().opt_level == 1
+    assert ti.lang.impl.current_cfg().opt_level == 0
 
 
 PATCHED = """

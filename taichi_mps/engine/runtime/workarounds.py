@@ -20,6 +20,7 @@ import sys
 import textwrap
 import warnings
 from collections import defaultdict
+from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import product
 from types import SimpleNamespace
@@ -103,8 +104,8 @@ def compiled_now():
 # field in a local variable while a loop runs, one for each expression of its place, so that one does not see what is
 # written by another (its issue 8578); without cache_loop_invariant_global_vars it does not. At an opt_level above 0 a
 # pass over the whole kernel hides most of the latter, and takes up to half of the time to compile; it spares a step
-# nothing but where one thread computes 1,000 rows or more, a tenth. Quadrants keeps no number too long; it has the same
-# options for equal code. An unrolling limit of 0 avoids a warning of intended unrolling.
+# nothing but where one thread computes 1,000 rows or more, a twentieth (``optimised``). Quadrants keeps no number too
+# long; it has the same options for equal code. An unrolling limit of 0 avoids a warning of intended unrolling.
 OPTIONS = {
     "cfg_optimization": False,
     "cache_loop_invariant_global_vars": False,
@@ -129,6 +130,17 @@ def sine_by_f32(angle):
     f64."""
     turns = angle / (2.0 * math.pi)
     return ti.cast(ti.sin(ti.cast(2.0 * math.pi * (turns - ti.floor(turns)), ti.f32)), ti.f64)
+
+
+@contextmanager
+def optimised(wanted: bool):
+    """Context in which kernels, if ``wanted``, are compiled at an opt_level of 1."""
+    settings = ti.lang.impl.current_cfg()
+    before, settings.opt_level = settings.opt_level, max(settings.opt_level, int(wanted))
+    try:
+        yield
+    finally:
+        settings.opt_level = before
 
 
 # ---- speed patches --------------------------------------------------------------------------------------------------
