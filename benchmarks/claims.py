@@ -210,7 +210,7 @@ def of_speed() -> dict[str, str]:
     cone, measured = points.read("speed_accuracy_cone"), steps()
     speedup = [row[6] for row in measured if row[1] == 2]
     return {
-        **{f"cone{mm}": f"{cone[f'cone implicit {1e-3 * mm:g} x1']['error']:.1f}" for mm in (25, 20, 12.5)},
+        **{f"cone{mm}": f"{cone[f'cone implicit {1e-3 * mm:g} x1']['error']:.1f}" for mm in (25, 20, 12.5, 10)},
         **{f"grains{a['side']}": f"{b['iterations'] / a['iterations']:.2f}" for a, b in points.load("grains")["pairs"]},
         "threads-least": f"{min(speedup):.1f}",
         "threads-most": f"{max(speedup):.1f}",

@@ -35,7 +35,7 @@ PI_C = 0.1  # of the paper [1/s]
 RUNS = 5  # of a point
 # flow: title, error, CPU seconds that a point may take, particles across or spacing [m] from coarse to fine
 FLOWS = {
-    "cone": ("slump cone, 500 Pa, to 1 s", "worst slump [mm]", 45.0, (0.025, 0.02, 0.0125)),
+    "cone": ("slump cone, 500 Pa, to 1 s", "worst slump [mm]", 45.0, (0.025, 0.02, 0.0125, 0.01)),
     "block": ("2-D block, 0.1 rho g H, to rest, 30 s at most", "runout [%]", 20.0, (8, 16, 32)),
     "channel": ("Bingham channel, Bn = 0.3, to 1 s", "velocity, L2 [%]", 20.0, (10, 20, 40)),
     "pool": ("still pool, 100 Pa, 2 s", "pressure, mean L2 [%]", 20.0, (5, 10, 20)),
@@ -48,7 +48,7 @@ def all_points() -> dict[str, dict]:
     number and longest step."""
     found = []
     for flow, (*_, sizes) in FLOWS.items():
-        coarse, usual, _ = sizes
+        coarse, usual, *_ = sizes
         found += [(k, flow, BINGHAM, size, 1.0) for k, size in enumerate(sizes)]
         found += [(3, flow, BINGHAM, usual, 4.0), (4, flow, BINGHAM, usual, 0.25)]
         if flow != "dam":  # water has no yield stress
