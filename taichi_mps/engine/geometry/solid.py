@@ -478,7 +478,7 @@ class Solid(Moving):
         ends = zip(self.low, self.high, strict=True)
         return np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, len(self.low))
 
-    @property
+    @cached_property
     def speed(self) -> float:
         """Largest speed of the wall [m/s]."""
         return float(np.linalg.norm(self.travel + (self.corners - self.centre) @ self.spin.T, axis=1).max())

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from pydantic import Field, InstanceOf, model_validator
@@ -214,7 +215,7 @@ class Plane(Moving):
         require_same_dimension(x, self.point)
         return (x - np.array(self.point) - self.displacement(time)) @ np.array(self.normal)
 
-    @property
+    @cached_property
     def speed(self) -> float:
         """Largest speed of the wall [m/s]."""
         return float(np.linalg.norm(self.fastest))
@@ -309,7 +310,7 @@ class Cylinder(Moving):
         """Radius at the narrower end [m]."""
         return self.radius + min(0.0, self.slope * (self.length or 0.0))
 
-    @property
+    @cached_property
     def speed(self) -> float:
         """Largest speed of the wall [m/s]."""
         largest = self.radius + max(0.0, self.slope * (self.length or 0.0))

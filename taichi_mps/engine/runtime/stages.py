@@ -4,8 +4,8 @@ To start a kernel takes some 30 microseconds, each loop in it that is spread ove
 where they must be woken, to read a number from Python 7: more than the arithmetic of a few hundred particles. So an
 ``Execution`` queues the stages that are called and launches them together, before Python reads a result:
 
-    fused      few rows: all stages between two readings become one kernel of one thread, solves included; one that
-               repeats itself is optimised more from OPTIMISED_FROM_ROWS rows on
+    fused      few rows: all stages between two readings become one kernel of one thread, solves included; one of few
+               stages is optimised more from OPTIMISED_FROM_ROWS rows on
     grouped    many rows: kernels that follow each other become one, whose loops Taichi spreads over the threads; a
                ``@team_stage`` is executed by a team of threads (thread_team.py), on a GPU stage by stage
     timed      each stage by itself
@@ -34,9 +34,9 @@ from .backend import for_kernels, real, started, ti
 from .thread_team import Block, GPUThreads, ThreadTeam, enter
 from .workarounds import HAS_DEVICE_LOOPS, graph_kernel, optimised
 
-OPTIMISED_FROM_ROWS = 1000
-"""Number of rows from which on a fused kernel that repeats itself is compiled at an opt_level of 1: it spares 3 % of a
-step and costs no time to speak of; with the other kernels it were 5 %, for half as long again to compile."""
+OPTIMISED_FROM_ROWS, OPTIMISED_STAGES = 1000, 12
+"""Number of rows from which on a fused kernel of at most so many stages is compiled at an opt_level of 1: it spares 4 %
+of a step and costs no time to speak of; with the larger kernels it were 5 %, for half as long again to compile."""
 ONE_THREAD_BELOW_ROWS = 3000
 """Number of rows below which one thread works alone: starting kernels and threads would cost more than the work."""
 
@@ -197,7 +197,7 @@ class Execution:
             raise RuntimeError("a loop of the GPU itself: Python can read nothing in it")
         calls, self._waiting = self._waiting, []
         while calls:
-            with optimised(self.fuses and times > 1 and self.rows >= OPTIMISED_FROM_ROWS):
+            with optimised(self.fuses and self.rows >= OPTIMISED_FROM_ROWS and len(calls) <= OPTIMISED_STAGES):
                 calls = self._launch_kernel(calls, times, self.fuses)
 
     def unfinished(self, left) -> bool:
