@@ -7,7 +7,8 @@ where they must be woken, to read a number from Python 7: more than the arithmet
     fused      few rows: all stages between two readings become one kernel of one thread, solves included; one of few
                stages is optimised more from OPTIMISED_FROM_ROWS rows on
     grouped    many rows: kernels that follow each other become one, whose loops Taichi spreads over the threads; a
-               ``@team_stage`` is executed by a team of threads (thread_team.py), on a GPU stage by stage
+               ``@team_stage`` is optimised more and executed by a team of threads (thread_team.py), on a GPU stage by
+               stage
     timed      each stage by itself
 
 On a GPU each loop is started by itself, and before it one thread is, to read how long it is. A ``@loop_stage`` spares
@@ -225,7 +226,8 @@ class Execution:
         if self._team is None and not alone:
             self._team = ThreadTeam(started()["threads"])
         self.flush()
-        self._launch_kernel([(stage, arguments)], 1 if alone else self.rows, alone, self._team)
+        with optimised(True):
+            self._launch_kernel([(stage, arguments)], 1 if alone else self.rows, alone, self._team)
 
     def _launch_kernel(self, calls, whole: int, alone: bool, team: ThreadTeam | None = None) -> list:
         """Launch a kernel of as many calls as its numbers allow and return the remaining calls. A kernel is compiled

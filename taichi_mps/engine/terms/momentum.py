@@ -13,7 +13,7 @@ from ..linear.pcg import PCG
 from ..linear.vectors import Jacobi
 from ..particles.particles import FLUID
 from ..runtime.backend import real, ti
-from ..runtime.stages import loop_stage, no_op, sequence, stage
+from ..runtime.stages import loop_stage, no_op, sequence, stage, team_stage
 from ..runtime.sums import sum_threads
 from ..runtime.thread_team import first, last, wait
 from .constants import Term
@@ -30,11 +30,7 @@ BLOCK = 64
 
 @ti.data_oriented
 class MomentumOperator(Term):
-    """The matrix, for the conjugate gradients: one row of d velocity components per particle, walls masked.
-
-    The loops over blocks count particles, for Taichi gives a thread 512 iterations of a loop or more: 512 blocks would
-    stay in one thread.
-    """
+    """The matrix, for the conjugate gradients: one row of d velocity components per particle, walls masked."""
 
     def __init__(self, fluid, sums, constants, stress, resistance, contacts=None):
         super().__init__(fluid, sums=sums, constants=constants, stress=stress, resistance=resistance, contacts=contacts)
@@ -74,25 +70,25 @@ class MomentumOperator(Term):
     @loop_stage("apply")
     def gather_fluxes(self, u: ti.template(), wall_motion: ti.template()):
         """The flux of each particle."""
-        for start in range(first(self.count[None]), last(self.count[None])):
-            if start % self.block == 0:
-                end = ti.min(start + self.block, self.count[None])
-                for i in range(start, end):
-                    self.sums.gather_difference(i)
-                for i in range(start, end):
-                    self.set_flux(i, u, wall_motion)
+        blocks = (self.count[None] + self.block - 1) // self.block
+        for block in range(first(blocks), last(blocks)):
+            end = ti.min((block + 1) * self.block, self.count[None])
+            for i in range(block * self.block, end):
+                self.sums.gather_difference(i)
+            for i in range(block * self.block, end):
+                self.set_flux(i, u, wall_motion)
         wait()
 
     @loop_stage("apply")
     def gather_forces(self, u: ti.template(), y: ti.template(), wall_motion: ti.template()):
         """y = A u [N] of each particle, once the fluxes are gathered."""
-        for start in range(first(self.count[None]), last(self.count[None])):
-            if start % self.block == 0:
-                end = ti.min(start + self.block, self.count[None])
-                for i in range(start, end):
-                    self.sums.gather_fluxes(i)
-                for i in range(start, end):
-                    y[i] = self.balance(i, u, wall_motion)
+        blocks = (self.count[None] + self.block - 1) // self.block
+        for block in range(first(blocks), last(blocks)):
+            end = ti.min((block + 1) * self.block, self.count[None])
+            for i in range(block * self.block, end):
+                self.sums.gather_fluxes(i)
+            for i in range(block * self.block, end):
+                y[i] = self.balance(i, u, wall_motion)
         wait()
 
     @ti.func
@@ -187,25 +183,26 @@ class MomentumOperator(Term):
             local += (2.0 * shear + bulk) / self.gradient.spacing**2 * ti.Matrix.identity(float, self.dimension)
         return shear, bulk, local
 
-    @sequence("wall motion")
+    @team_stage("wall motion")
     def subtract_wall_motion(self, walls_only, response, b):
         """b -= A applied to the walls' own velocity alone [N]; ``walls_only`` and ``response`` are scratch."""
         self.set_walls_only(walls_only)
         self.multiply_moving(walls_only, response, 1.0)
         self.subtract(response, b)
 
-    @stage("wall motion")
+    @loop_stage("wall motion")
     def set_walls_only(self, v: ti.template()):
         """Set v to the walls' own velocity alone."""
-        for i in range(self.count[None]):
-            fluid = self.particles.kind[i] == FLUID
-            v[i] = ti.Vector.zero(float, self.dimension) if fluid else self.particles.u[i]
+        for i in range(first(self.count[None]), last(self.count[None])):
+            v[i] = ti.Vector.zero(float, self.dimension) if self.particles.kind[i] == FLUID else self.particles.u[i]
+        wait()
 
-    @stage("wall motion")
+    @loop_stage("wall motion")
     def subtract(self, response: ti.template(), b: ti.template()):
         """b -= response [N]."""
-        for i in range(self.count[None]):
+        for i in range(first(self.count[None]), last(self.count[None])):
             b[i] -= response[i]
+        wait()
 
 
 @ti.data_oriented
