@@ -57,6 +57,7 @@ def paired(rows: ti.template()):
     ("options", "count", "pairs"),
     [
         ({"opt_level": 0, "cache_loop_invariant_global_vars": False}, 3, 8),
+        ({"opt_level": 1, "cache_loop_invariant_global_vars": False}, 3, 8),
         ({"opt_level": 0, "cache_loop_invariant_global_vars": True}, 1, 7),
         ({"opt_level": 1, "cache_loop_invariant_global_vars": True}, 3, 7),
     ],

@@ -103,9 +103,9 @@ def compiled_now():
 # 8744), and so does Quadrants; without cfg_optimization, or at an opt_level of 0, it does not. It keeps a number of a
 # field in a local variable while a loop runs, one for each expression of its place, so that one does not see what is
 # written by another (its issue 8578); without cache_loop_invariant_global_vars it does not. At an opt_level above 0 a
-# pass over the whole kernel hides most of the latter, and takes up to half of the time to compile; it spares a step
-# nothing but where one thread computes 1,000 rows or more, a twentieth (``optimised``). Quadrants keeps no number too
-# long; it has the same options for equal code. An unrolling limit of 0 avoids a warning of intended unrolling.
+# pass over the whole kernel hides most of the latter, and takes up to half of the time to compile; it spares a
+# twentieth of a solve, and of a step where one thread computes 1,000 rows or more (``optimised``). Quadrants keeps no
+# number too long; it has the same options for equal code. An unrolling limit of 0 avoids a warning of intended unrolling.
 OPTIONS = {
     "cfg_optimization": False,
     "cache_loop_invariant_global_vars": False,
