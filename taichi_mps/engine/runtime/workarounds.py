@@ -105,7 +105,7 @@ def compiled_now():
 # written by another (its issue 8578); without cache_loop_invariant_global_vars it does not. At an opt_level above 0 a
 # pass over the whole kernel hides most of the latter, and takes up to half of the time to compile; it spares a
 # twentieth of a solve, and of a step where one thread computes 1,000 rows or more (``optimised``). Quadrants keeps no
-# number too long; it has the same options for equal code. An unrolling limit of 0 avoids a warning of intended unrolling.
+# number too long; it has the same options for equal code. An unrolling limit of 0 avoids a warning of what is intended.
 OPTIONS = {
     "cfg_optimization": False,
     "cache_loop_invariant_global_vars": False,
