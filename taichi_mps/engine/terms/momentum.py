@@ -72,10 +72,9 @@ class MomentumOperator(Term):
         """The flux of each particle."""
         blocks = (self.count[None] + self.block - 1) // self.block
         for block in range(first(blocks), last(blocks)):
-            end = ti.min((block + 1) * self.block, self.count[None])
-            for i in range(block * self.block, end):
+            for i in range(block * self.block, ti.min((block + 1) * self.block, self.count[None])):
                 self.sums.gather_difference(i)
-            for i in range(block * self.block, end):
+            for i in range(block * self.block, ti.min((block + 1) * self.block, self.count[None])):
                 self.set_flux(i, u, wall_motion)
         wait()
 
@@ -84,10 +83,9 @@ class MomentumOperator(Term):
         """y = A u [N] of each particle, once the fluxes are gathered."""
         blocks = (self.count[None] + self.block - 1) // self.block
         for block in range(first(blocks), last(blocks)):
-            end = ti.min((block + 1) * self.block, self.count[None])
-            for i in range(block * self.block, end):
+            for i in range(block * self.block, ti.min((block + 1) * self.block, self.count[None])):
                 self.sums.gather_fluxes(i)
-            for i in range(block * self.block, end):
+            for i in range(block * self.block, ti.min((block + 1) * self.block, self.count[None])):
                 y[i] = self.balance(i, u, wall_motion)
         wait()
 
