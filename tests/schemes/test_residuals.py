@@ -37,7 +37,7 @@ def test_of_known_fields(cone):
     reports(cone)
     shear = np.zeros((3, 3))
     shear[0, 1] = 0.4
-    scheme.strain_rate.half_step[None] = 0.0
+    scheme.strain_rate.half_step_change.fill(0.0)
     for field, tensor in (scheme.solved_rate.G, shear), (scheme.fluid.particles.plastic_rate, 0.25 * (shear + shear.T)):
         field.from_numpy(np.tile(tensor, (sim.particles.capacity, 1, 1)).astype("f4"))
     scheme.constraint.divergence.fill(0.3)

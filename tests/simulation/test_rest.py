@@ -163,7 +163,7 @@ def test_repacking_takes_no_more_power_than_viscosity_dissipates(exponent):
     where the packing asks for more."""
     law = {"yield_value": 300.0} | ({} if exponent == 1.0 else {"consistency": 50.0, "flow_index": exponent})
     sim = ran(mps.slump_cone(model="axisymmetric", spacing=0.02, **law), until=0.4)
-    sim.scheme.strain_rate.half_step.fill(0.0)  # without what a step turns (I32)
+    sim.scheme.strain_rate.half_step_change.fill(0.0)  # without what a step turns (I32)
     sim.scheme.constraint.set(sim.report.dt)
     count = len(sim.snapshot().x)
     s, rate = (f.to_numpy()[:count] for f in (sim.scheme.constraint.divergence, sim.particles.shear_rate))

@@ -217,7 +217,7 @@ class VolumeConstraint(Term):
             if ti.static(self.pours):
                 divergence = self.let_settle(i, dt, divergence)
             # at the end of the step (I32)
-            self.divergence[i] = divergence + self.strain_rate.half_step_change(i).trace()
+            self.divergence[i] = divergence + self.strain_rate.half_step_change[i].trace()
 
     @ti.func
     def let_settle(self, i, dt, divergence):

@@ -43,7 +43,7 @@ class Residuals(Term):
                     volume, departure = ti.cast(self.particles.volume(i), ti.f64), ti.cast(0.0, float)
                     G = self.stress.solved_rate.velocity_gradient(i)
                     if ti.static(self.stress.law == "yield-stress"):
-                        D = deviator(G - self.stress.strain_rate.half_step_change(i))
+                        D = deviator(G - self.stress.strain_rate.half_step_change[i])
                         departure = 2.0 * magnitude(D - self.particles.plastic_rate[i])
                     excess = G.trace() - self.constraint.divergence[i]
                     lane_sums += volume * ti.Vector([1.0, departure**2, excess**2], dt=ti.f64)

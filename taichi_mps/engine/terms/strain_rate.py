@@ -17,31 +17,25 @@ class StrainRate(Term):
         self.G = ti.Matrix.field(self.dimension, sums.lanes, real(), self.capacity)
         self.rate = ti.field(real(), self.capacity)  # shear rate sqrt(2 D:D) [1/s]
         self.residual = ti.field(real(), self.capacity)  # (1/n0) sum (w/r^2) |u_j - u_i - G_i r_ij|^2 [1/s2]
-        self.half_step = ti.field(real(), ())  # [s]
+        t = self.particles.tensor_dimension
+        # decrease of a gradient when the particles move from the middle of the step to its end (I32) [1/s]
+        self.half_step_change = ti.Matrix.field(t, t, real(), self.capacity)
 
     @stage("prepare")
     def evaluate(self, dt: float):
         """Fit the velocity around each particle, at the middle of a step of dt [s]."""
-        for _ in range(1):
-            self.half_step[None] = 0.5 * dt
         for i in range(self.particles.count[None]):
             G, residual = self.gradient.fit(i, self.particles.u, 1.0)
             G += self.gradient.curvature_correction(i)
             for a, c in ti.static(ti.ndrange(self.dimension, self.dimension)):
                 self.G[i][c, a] = G[a, c]
             self.rate[i], self.residual[i] = shear_rate(G), residual
+            self.half_step_change[i] = 0.5 * dt * G @ G
 
     @ti.func
     def velocity_gradient(self, i):
         """The gradient (t, t) at particle i of the velocity at the start of the step [1/s]."""
         return self.gradient.tensor(i, self.gradient.in_plane(self.G[i].transpose()), self.particles.u)
-
-    @ti.func
-    def half_step_change(self, i):
-        """Decrease [1/s] of the gradient (t, t) of a velocity when the particles move with it from the middle of the
-        step to its end (I32)."""
-        G = self.velocity_gradient(i)
-        return self.half_step[None] * G @ G
 
 
 @ti.data_oriented
@@ -63,7 +57,7 @@ class SolvedRate(Term):
         for i in range(self.particles.count[None]):
             G = self.sums.velocity_gradient(i, u, 1.0) + self.gradient.curvature_correction(i)
             self.G[i] = G
-            self.particles.shear_rate[i] = shear_rate(G - self.strain_rate.half_step_change(i))
+            self.particles.shear_rate[i] = shear_rate(G - self.strain_rate.half_step_change[i])
 
     @ti.func
     def velocity_gradient(self, i):

@@ -200,7 +200,7 @@ class Stress(Term):
     def known_part(self, i):
         """The part of the stress [Pa] (t, t) that the matrix has not: that of the change of the gradient to the end of
         the step, and of a true yield stress, stress - 2 mu_r q."""
-        T = -self.viscous(i, self.strain_rate.half_step_change(i))
+        T = -self.viscous(i, self.strain_rate.half_step_change[i])
         if ti.static(self.law == "yield-stress"):
             T += self.particles.stress[i] - 2.0 * self.mu[i] * self.particles.plastic_rate[i]
         return T
@@ -213,7 +213,7 @@ class Stress(Term):
             rate = self.particles.shear_rate[i]
             if ti.static(self.law == "yield-stress"):
                 carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
-                D = deviator(self.solved_rate.velocity_gradient(i) - self.strain_rate.half_step_change(i))
+                D = deviator(self.solved_rate.velocity_gradient(i) - self.strain_rate.half_step_change[i])
                 trial = self.particles.stress[i] + 2.0 * self.mu[i] * D
                 stress, q, flow = self.yield_law(i, trial)
                 if k >= viscous:
@@ -238,7 +238,7 @@ class Stress(Term):
         if ti.static(self.law == "yield-stress"):  # noqa: SIM108  (a compiled choice stays apart)
             T = self.particles.stress[i]
         else:
-            T = self.viscous(i, rate.velocity_gradient(i) - self.strain_rate.half_step_change(i))
+            T = self.viscous(i, rate.velocity_gradient(i) - self.strain_rate.half_step_change[i])
         return T - self.pressure.p[i] * ti.Matrix.identity(float, self.tensors)
 
     @ti.kernel
