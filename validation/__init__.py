@@ -77,16 +77,17 @@ def columns(name: str, **wanted) -> dict[str, np.ndarray]:
 
 
 # ---- running scenes ----------------------------------------------------------------------------------------------
-def simulate(scene: mps.Scene, max_time_step: float | None = None):
-    """A Simulation of ``scene`` with the defaults of the present scheme; ``max_time_step`` [s] may only shorten its
-    steps. The paper's scheme gets its wall particles where the scene has nothing but planes normal to axes."""
+def simulate(scene: mps.Scene, max_time_step: float | None = None, **others):
+    """A Simulation of ``scene`` with the defaults of the present scheme but for ``others``; ``max_time_step`` [s] may
+    only shorten its steps. The paper's scheme gets its wall particles where the scene has nothing but planes normal to
+    axes."""
     numerics = NUMERICS[Setting.scheme]
     caps = [step for step in (numerics().max_time_step, max_time_step) if step is not None]
     normals = [wall.normal if isinstance(wall, mps.Plane) else () for wall in scene.walls]
     lattices = scene.walls and all(np.count_nonzero(normal) == 1 for normal in normals)
     if Setting.scheme == "semi-implicit" and lattices and scene.wall_particles is None:
         scene = with_wall_particles(scene)
-    sim = mps.Simulation(scene, numerics(max_time_step=min(caps, default=None)))
+    sim = mps.Simulation(scene, numerics(max_time_step=min(caps, default=None), **others))
     if Setting.budget is not None:
         sim.each_step(stop_beyond_budget)
     return sim
@@ -99,10 +100,10 @@ def run(scene: mps.Scene, until: float | None = None, max_time_step: float | Non
     return sim
 
 
-def record(scene: mps.Scene, read, interval: float | None = None, until=None, max_time_step=None, after=-1.0):
+def record(scene: mps.Scene, read, interval: float | None = None, until=None, after=-1.0, **numerics):
     """Run a Simulation and record ``read(simulation)`` every ``interval`` [s], or after every step, later than
     ``after`` [s]. Returns the Simulation, the times [s] and the recorded values."""
-    sim, found = simulate(scene, max_time_step), []
+    sim, found = simulate(scene, **numerics), []
 
     def note(s):
         if s.time > after:

@@ -106,7 +106,7 @@ TABLE = [
         "Beris et al. (1985): 2 tau_y pi a^2/F = 0.143", grains.held, {"across": 8}),
     Row("suspension_dilute", "one sphere in a cube of four diameters in shear between plates, Newtonian",
         "Einstein (1906): 1 + 2.5 phi; unbounded", grains.dilute, {"across": (4, 6, 8)}),
-    Row("suspension", "spheres 4 across in a cube of six diameters in shear between plates, Newtonian, strain 1",
+    Row("suspension", "spheres 4 across in a cube of six diameters in shear between plates, Newtonian, strain 2",
         KRIEGER, grains.suspensions, {"across": 4, "fractions": (0.1, 0.2, 0.3)}),
     *(
         Row(f"suspension_fine_{100 * fraction:.0f}", f"suspension 6 across in the same cube, {fraction:g}",

@@ -13,6 +13,8 @@ EINSTEIN, PACKED = 2.5, 0.64  # intrinsic viscosity of spheres (Einstein 1906), 
 LIGHT = 20.0  # density [kg/m3] with which a shear is steady after some milliseconds
 NEWTONIAN = mps.Newtonian(viscosity=VISCOSITY, density=LIGHT)
 YIELDING = mps.Bingham(yield_value=100.0, plastic_viscosity=1.0, density=LIGHT)  # all but yield stress at 1/s
+# of a viscous fluid, whose stress they change by less than 0.5 % (4 across, 0.3, strain 0.2) in a third of the time
+FAST = {"courant_number": 0.4, "passes": 3}
 STANDS, CREEP = (
     1e-4,
     1e-6,
@@ -48,7 +50,7 @@ def held(across: int):
     yield Measured("speed over Stokes' after 5 s where the yield stress is a quarter above", abs(speeds[-1]), CREEP)
 
 
-def thickened(across: int, wide: int, strain: float, law=NEWTONIAN, **grains) -> tuple[float, float]:
+def thickened(across: int, wide: int, strain: float, law=NEWTONIAN, numerics=None, **grains) -> tuple[float, float]:
     """Shear stress of a fluid with grains over that without, mean of the second half of a strain, and the volume
     fraction of their particles; between plates ``wide`` diameters apart, periodic along them, at 1/s."""
     spacing, side = SIZE / across, wide * SIZE
@@ -76,7 +78,7 @@ def thickened(across: int, wide: int, strain: float, law=NEWTONIAN, **grains) ->
         forces = [load.force[0] for load in sim.snapshot().loads.values()]
         return 0.5 * (forces[0] - forces[1]) / (law.shear_stress(1.0, 1.0) * side**2)
 
-    _, times, stresses = record(scene, stress, until=strain)
+    _, times, stresses = record(scene, stress, until=strain, **(numerics or {}))
     return float(stresses[times > 0.5 * strain].mean()), float((scene.grain_places[0] > 0).mean())
 
 
@@ -89,10 +91,16 @@ def dilute(across):
 
 
 def suspensions(across: int, fractions, law=NEWTONIAN, constant="viscosity", bound=0.12):
-    """A constant of suspensions over that of their fluid, in a cube of six diameters, sheared to a strain of 1, one
-    seed each."""
-    for fraction in fractions:
-        relative, _ = thickened(across, 6, 1.0, law, volume_fraction=fraction, seed=1)
-        viscosity = (1.0 - fraction / PACKED) ** (-EINSTEIN * PACKED)
-        known = growth(fraction)["yield_value"] if law.yields else viscosity
-        yield Measured(f"{relative:.2f} times the {constant} at {fraction:g}, relative", relative / known - 1.0, bound)
+    """A constant of suspensions over that of their fluid, in a cube of six diameters, sheared to a strain of 2, mean of
+    five seeds."""
+    for part in fractions:
+        known = growth(part)["yield_value"] if law.yields else (1.0 - part / PACKED) ** (-EINSTEIN * PACKED)
+        found = [
+            thickened(across, 6, 2.0, law, {} if law.yields else FAST, volume_fraction=part, seed=seed)[0]
+            for seed in range(1, 6)
+        ]
+        yield Measured(
+            f"{np.mean(found):.2f} ({min(found):.2f} to {max(found):.2f}) times the {constant} at {part:g}, relative",
+            np.mean(found) / known - 1.0,
+            bound,
+        )
