@@ -25,6 +25,7 @@ class Stream:
 
     def __init__(self, scene, inlet):
         d, axes, origin = scene.dimension, inlet.frame, np.array(inlet.centre)
+        axes[0] *= np.sign(np.linalg.det(axes))  # a rotation, for a reflection would mirror the grains
         layer, number = scene.inlet_layer(inlet), np.arange(inlet.layers(scene.spacing))
         self.step = scene.spacing * inlet.unit_direction
         self.x = (layer - number[:, None, None] * self.step).reshape(-1, d)
@@ -34,7 +35,7 @@ class Stream:
             of, centres, radii, turns = scene.grains.places(
                 (self.x - origin) @ axes.T, scene.spacing, scene.domain, (False,) * d
             )
-            self.places = of, centres @ axes + origin, radii, axes.T @ turns @ axes
+            self.places = of, centres @ axes + origin, radii, axes.T @ turns
             first = np.full(len(radii) + 1, len(number))
             np.minimum.at(first, of, self.layer)
             self.layer = np.where(of > 0, first[of], self.layer)
