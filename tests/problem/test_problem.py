@@ -49,11 +49,18 @@ REFUSED = [
     ({"inlets": (hose(rate=1e3),)}, None, "leaves the hose at 1.67e[+]03 m/s; must be at most"),
     ({"inlets": (hose(path=((0.0, 0.0, 0.0), (1e-3, 1.0, 0.0))),)}, None, "moves with the jet at 1e[+]03 m/s"),
     ({"inlets": (hose(centre=(0.2, 0.3)),)}, None, "lies in the fluid at 0 s"),
-    ({"fluid": np.array([[0.0, 0.1]] * 3)}, None, "2 of 3 particles lie on others"),
+    ({"fluid": np.array([[0.0, 0.1]] * 3)}, None, "2 of 3 lie on others"),
     ({"fluid": np.array([[0.0, -0.2]])}, None, "0.2 m behind a wall .Plane."),
     ({"walls": (FAR,)}, None, "its origin or its scale is another"),
-    ({"domain": ((-1e5, -1e5), (1e5, 1e5))}, None, "cells of the effective radius, 0.21 m; at most"),
-    ({"periodic": (True, False), "domain": ((0.0, 0.0), (0.5, 2.0))}, None, "at least three effective radii, 0.63 m"),
+    ({"domain": ((-1e5, -1e5), (1e5, 1e5))}, None, "cells of the search radius, 0.21 m; at most"),
+    ({"periodic": (True, False), "domain": ((0.0, 0.0), (0.5, 2.0))}, None, "at least three search radii, 0.63 m"),
+    (  # three effective radii, but not three of those by which the paper's scheme lists neighbours
+        {"periodic": (True, False), "domain": ((0.0, 0.0), (0.7, 2.0)), "walls": ()},
+        mps.SemiImplicit(effective_radius_ratio=2.3),
+        "at least three search radii, 0.72 m",
+    ),
+    ({"wall_particles": [[0.2, -0.05], [0.2, -0.05]]}, PAPER, "particles: 1 of 27 lie on others"),
+    ({"wall_particles": [[0.2, -9.0]]}, PAPER, "wall_particles: some lie outside of domain"),
     ({"inlets": (hose(volume=1e6),)}, None, "makes 1e[+]08 particles with up to"),
 ]
 

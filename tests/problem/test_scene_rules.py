@@ -36,6 +36,11 @@ REFUSED = [
     ({"periodic": True}, "periodic = True: must be a tuple, each True or False"),
     ({"periodic": "ab"}, "periodic = ab: must be a tuple, each True or False"),
     ({"cavity": 1}, "cavity = 1: must be a Cavity"),
+    ({"cavity": mps.Cavity((0.0,) * 3, (1.0,) * 3, (), 0.1)}, "cavity: must have 2 coordinates, as the fluid has"),
+    (
+        {"cavity": mps.Cavity((0.0, 0.0), (1.0, 1.0), (), 0.1), "axisymmetric": True},
+        "cavity: must have 2 coordinates, as the fluid has, and no rings",
+    ),
     ({"measure": "a"}, "measure = a: must be a function"),
     ({"fluid": [[np.nan, 0.5]]}, "fluid = .* m: must be finite numbers of the shape"),
     ({"spacing": "thin"}, "spacing = thin: must be a number"),
@@ -167,7 +172,7 @@ def test_periodic_sides_hold_a_particle_once():
     row = np.column_stack([np.arange(0.0, 2.0, 0.1), np.full(20, 0.5)])
     sides = {"domain": ((0.0, -1.0), (2.0, 2.0)), "periodic": (True, False)}
     assert Problem(mps.Scene(**parts(fluid=row, **sides)))
-    with pytest.raises(mps.SceneError, match="1 of 21 particles lie on others"):
+    with pytest.raises(mps.SceneError, match="1 of 21 lie on others"):
         Problem(mps.Scene(**parts(fluid=np.vstack([row, (2.0, 0.5)]), **sides)))
 
 

@@ -22,7 +22,7 @@ EARTH_GRAVITY = 10.0  # gravity [m/s2], +-1, under which the density must be pla
 
 # ---- limits of the scheme ------------------------------------------------------------------------------------------
 def scheme_supports_the_law(problem):
-    """The paper's scheme supports Bingham's law only, without internal friction and without jolts."""
+    """The paper's scheme supports Bingham's law only, without internal friction, grains and jolts."""
     material = problem.scene.material
     if problem.scheme == "semi-implicit":
         require(not problem.scene.grains, "grains: the scheme semi-implicit has none; must be implicit")
@@ -50,8 +50,8 @@ def own_laws_take_rate_and_structure(problem):
 
 
 def walls_suit_the_scheme(problem):
-    """The radius of a curved wall is greater than the effective radius. Walls of particles allow no axisymmetric scene,
-    no moving, thin or frictional walls, no mirrors, no inlets and no wall loads."""
+    """The radius of a curved wall is greater than the effective radius. Walls of particles allow
+    no axisymmetric scene, no grains, no moving, thin or frictional walls, no mirrors, no inlets and no wall loads."""
     scene, radius = problem.scene, problem.effective_radius
     require(
         scene.wall_particles is None or scene.walls,
@@ -115,13 +115,18 @@ def inlets_are_plausible(problem):
 
 
 def particles_are_apart(problem):
-    """No two particles lie at one place, periodic images included."""
-    scene, x = problem.scene, problem.scene.initial
+    """No two particles, of walls included, lie at one place or at periodic images of it, and all in the domain."""
+    scene, walls = problem.scene, [problem.scene.wall_particles] if problem.wall_particles else []
+    x = np.vstack([scene.initial, *walls])
     low, high = np.array(scene.domain, float)
+    require(
+        np.all((np.clip(x, low, high) == x) | scene.periodic),
+        f"wall_particles: some lie outside of domain = {scene.domain} m; the domain must hold all of them",
+    )
     # the ends of a periodic axis are the same place
     images = np.where(scene.periodic, low + np.mod(x - low, high - low), x)
     doubles = len(x) - len(count_in_cells(images, 1e-3 * scene.spacing)[1])
-    require(doubles == 0, f"fluid: {doubles} of {len(x)} particles lie on others; all must be apart")
+    require(doubles == 0, f"particles: {doubles} of {len(x)} lie on others; all must be apart")
 
 
 def walls_lie_where_the_fluid_is(problem):
@@ -152,18 +157,18 @@ def walls_lie_where_the_fluid_is(problem):
 def grid_fits(problem):
     """The binning grid fits into memory, and is three cells or more along a periodic axis, so that no particle has the
     same neighbour on both sides."""
-    size, radius = np.subtract(*problem.scene.domain[::-1]), problem.effective_radius
+    size, radius = np.subtract(*problem.scene.domain[::-1]), problem.effective_radius + problem.skin
     across = cells_along_axes(problem)
     cells = np.prod(across)
     require(
         cells <= MAX_CELLS,
-        f"domain = {' x '.join(f'{s:g}' for s in size)} m: has {cells:.2g} cells of the effective radius, {radius:g} "
+        f"domain = {' x '.join(f'{s:g}' for s in size)} m: has {cells:.2g} cells of the search radius, {radius:g} "
         f"m; at most {MAX_CELLS:.2g}",
     )
     for axis in np.flatnonzero(problem.scene.periodic):
         require(
             across[axis] >= 3,
-            f"domain = {size[axis]:g} m along periodic axis {axis}: must be at least three effective radii, "
+            f"domain = {size[axis]:g} m along periodic axis {axis}: must be at least three search radii, "
             f"{3.0 * radius:g} m",
         )
 
@@ -171,10 +176,14 @@ def grid_fits(problem):
 def pairs_can_be_counted(problem):
     """The indices of neighbour pairs fit into 32 bits."""
     scene, ratio = problem.scene, problem.numerics.effective_radius_ratio
-    wall = 0 if scene.wall_particles is None else len(scene.wall_particles)
     neighbours = {2: np.pi, 3: 4.0 * np.pi / 3.0}[scene.dimension] * ratio**scene.dimension
-    poured = sum(inlet.volume for inlet in scene.inlets) / scene.spacing**scene.dimension
-    particles = len(scene.fluid) + wall + poured
+    particles = sum(
+        [
+            len(scene.fluid),
+            len(scene.wall_particles) if problem.wall_particles else 0,
+            *(len(scene.inlet_layer(inlet)) * inlet.layers(scene.spacing) for inlet in scene.inlets),
+        ]
+    )
     pairs = 4.0 * neighbours * particles  # the list has room for bodies pressed together and for rings
     require(
         pairs <= MAX_PAIRS,
@@ -197,5 +206,7 @@ RULES = (
 
 
 def cells_along_axes(problem) -> np.ndarray:
-    """Number of cells (d,), each an effective radius wide or more, along the axes of the domain."""
-    return np.maximum(1.0, np.floor(np.subtract(*problem.scene.domain[::-1]) / problem.effective_radius))
+    """Number of cells (d,), each a search radius wide or more, along the axes of the domain."""
+    return np.maximum(
+        1.0, np.floor(np.subtract(*problem.scene.domain[::-1]) / (problem.effective_radius + problem.skin))
+    )

@@ -17,6 +17,8 @@ OUTPUTS = 20  # of a run to its time limit, by default
 OUTPUT_INTERVAL = 0.3  # interval of the outputs over sqrt(H/g): a body falls much faster than it creeps
 FREE_SURFACE_ROOM = 1.1  # room in front of the walls over the volume of the fluid from which on it has a free surface
 SAMPLE_COUNT = 1 << 15  # points of the domain by which the room is estimated, within 1 % for a box of a third of it
+# skin of the neighbour list over the spacing, where steps are short: the next neighbours of a lattice are left out
+SKIN = 0.1
 RUNAWAY = 10.0  # speed over the expected one beyond which a run has diverged
 WEIGHTLESS = 0.1  # substitute for gravity in a scene without weight: over U^2/H, or [m/s2] where nothing moves
 
@@ -70,6 +72,11 @@ class Problem:
     def effective_radius(self) -> float:
         """Effective radius r_e [m]: farther particles are no neighbours."""
         return self.numerics.effective_radius_ratio * self.scene.spacing
+
+    @property
+    def skin(self) -> float:
+        """Length [m] by which the search radius of neighbours exceeds the effective one: where steps are short."""
+        return SKIN * self.scene.spacing if self.scheme == "semi-implicit" else 0.0
 
     @property
     def wall_particles(self) -> bool:

@@ -40,6 +40,10 @@ def complete_fields(scene) -> dict:
         value = getattr(scene, key)
         wanted = (len(value) if rows is None else rows, d) if value is not None else ()
         require(np.shape(value) == wanted, f"{key} of shape {np.shape(value)}: must be of the shape {wanted}")
+    require(
+        not scene.cavity or (len(scene.cavity.low) == d and not scene.axisymmetric),
+        f"cavity: must have {d} coordinates, as the fluid has, and no rings",
+    )
     numbers = {"spacing": float(scene.spacing), "until": float(scene.until), "walls": tuple(scene.walls)}
     for behind in behind_mouths(scene, d):  # from where grains enter
         low, high = np.minimum(low, behind.min(0) - scene.spacing), np.maximum(high, behind.max(0) + scene.spacing)

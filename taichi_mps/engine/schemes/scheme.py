@@ -14,9 +14,6 @@ from ..runtime.field_io import FieldIO
 from ..runtime.stages import flush
 from .diagnostics import Diagnostics
 
-# Skin of the neighbour list over the spacing, where steps are short: the next neighbours of a lattice are left out
-SKIN = 0.1
-
 
 class Scheme:
     """A time scheme: it owns its whole step, neighbour search and motion of the walls included.
@@ -88,10 +85,9 @@ class Fluid:
         self.particles = Particles(start, volumes, carried | boundaries.carried(walls), scene.axisymmetric, to_come)
         self.wall_particles = int((start["kind"] != FLUID).sum())
         self.lattice = lattice_sums(d, scene.spacing, problem.effective_radius, *kernels(problem))
-        skin = SKIN * scene.spacing if problem.scheme == "semi-implicit" else 0.0
-        bins = Bins(self.particles, scene.domain, scene.periodic, problem.effective_radius + skin)
+        bins = Bins(self.particles, scene.domain, scene.periodic, problem.effective_radius + problem.skin)
         pair_capacity = int(pairs_per_particle * self.lattice.neighbours * self.particles.capacity) + 64
-        self.neighbors = NeighborList(bins, pair_capacity, skin)
+        self.neighbors = NeighborList(bins, pair_capacity, problem.skin)
         self.walls = boundaries.Walls(
             walls,
             d,
