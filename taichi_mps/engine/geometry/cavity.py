@@ -180,7 +180,7 @@ class Cavity:
         return {
             "filled_ratio": float(ratio),
             "void_m3": float((1.0 - ratio) * room),
-            "above_m3": float((sides[s.x[:, -1] > self.high[-1]] ** len(self.shape)).sum()),
+            "above_m3": float((sides[inside & (s.x[:, -1] > self.high[-1])] ** len(self.shape)).sum()),
             "void_centre": None if centre is None else centre.tolist(),
             "filled_by_height": [row for row in np.transpose(self.by_height(s)).tolist() if not np.isnan(row[1])],
         }

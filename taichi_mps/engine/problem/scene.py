@@ -289,12 +289,11 @@ class Scene:
         points = [self.fluid]
         for inlet in self.inlets:
             layer, turns = self.inlet_layer(inlet), inlet.turns[:, 1:]
-            fallen = layer.copy()
-            fallen[:, -1] = np.minimum(layer[:, -1], bottom)
-            points += [layer, fallen]
-            for displacement in turns[np.unique([turns.argmin(0), turns.argmax(0)])]:  # the farthest along each axis
-                if not buried(layer + displacement, np.vstack(points), self.spacing / MIN_GAP):
-                    points.append(layer + displacement)
+            fallen = np.column_stack([layer[:, :-1], np.minimum(layer[:, -1], bottom)])
+            # and where the hose is farthest along each axis
+            for places in (layer, fallen, *(layer + turns[np.unique([turns.argmin(0), turns.argmax(0)]), None])):
+                if not buried(places, np.vstack(points), self.spacing / MIN_GAP):
+                    points.append(places)
         points = np.vstack(points)
         _, first = np.unique(np.round(points / self.spacing, 6), axis=0, return_index=True)
         return points[np.sort(first)]

@@ -15,7 +15,7 @@ CORRECTION_RATE, RING_CORRECTION_RATE = 0.05, 0.2
 VISCOUS_CORRECTION_RATE, DIFFUSION_SCALE = 0.25, 0.25
 # upper bound of the divergence over the shear rate, for rings and in a full closed box, or max_divergence if larger
 MAX_SHEAR_FRACTION = 0.25
-# packing error of an enclosed particle that is corrected; more is a void, which stays, but a full closed box has none
+# packing error of an enclosed particle, of which no more counts in a step, but in a full closed box
 MIN_PACKING_ERROR, MIN_PACKING_ERROR_CLOSED_BOX = -0.03, -1.0
 # packing that poured material lacks, from which on it is loose; not counted is what a surface misses, over its normal
 LOOSE, MISSING_AT_SURFACE = 0.1, 0.2
@@ -46,10 +46,11 @@ class Pressure(Term):
     @ti.func
     def hydrostatic(self, i):
         """Pressure [Pa] that the walls of a full closed box bear at particle i: of the first mix at rest, zero in the
-        middle; 0 where walls hold no weight."""
+        middle; 0 where walls hold no weight, and of a particle that carries no stress."""
         pressure = ti.cast(0.0, float)
         if ti.static(self.constants.walls_may_bear_weight):
             height = ti.cast(self.particles.x[i] - ti.Vector(self.constants.middle, ti.f64), float)
+            height *= ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
             pressure = self.constants.density[0] * ti.cast(self.constants.gravity[None], float).dot(height)
         return pressure
 
@@ -153,7 +154,8 @@ class Pressure(Term):
                     stress = self.constants.eta[m] * max_rate + self.constants.tau_y[m]
                     target = ti.max(target, COMPRESSION * stress + self.constants.density[m] * speed2)
                 for i in range(self.particles.count[None]):
-                    self.p[i] += target - mean_p
+                    if self.gradient.B[i][0, 0] > 0.0:
+                        self.p[i] += target - mean_p
 
     @stage("stress")
     def update_multiplier(self, rate: ti.template(), constraint: ti.template()):
