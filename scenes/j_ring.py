@@ -16,6 +16,7 @@ from pydantic import Field
 import taichi_mps as mps
 from taichi_mps.units import Count, Duration, Length
 
+BASE = 0.2  # diameter of the base of the cone [m]
 INNER, OUTER = 0.05, 0.025  # radius of the middle, and width of the ring outside the bars, where depths are read [m]
 
 
@@ -37,6 +38,10 @@ def scene(
     gap = np.pi * ring_diameter / bars - bar_diameter
     if gap <= 0.0:
         raise mps.SceneError(f"bars = {bars}: leave no gap; must be fewer, or thinner than {1e3 * bar_diameter:g} mm")
+    if ring_diameter < BASE + bar_diameter:
+        raise mps.SceneError(
+            f"ring_diameter = {ring_diameter:g} m: must be at least {BASE + bar_diameter:g} m, around the cone's base"
+        )
     if gap < 2.0 * spacing:
         raise mps.SceneError(
             f"spacing = {spacing:g} m: must be at most half of the gap between bars, {0.5 * gap:.3g} m"

@@ -74,6 +74,11 @@ def scene(
     """
     if spacing > hose_diameter / 3.0 * (1.0 + 1e-9):
         raise mps.SceneError(f"spacing = {spacing:g} m: must be at most a third of the hose, {hose_diameter / 3.0:g} m")
+    widest = min(width, length - 2.0 * spacing)
+    if hose_diameter > widest and not form:
+        raise mps.SceneError(f"hose_diameter = {hose_diameter:g} m: must be at most {widest:g} m, as wide as the form")
+    if bar_distance <= bar_diameter and not (form or rebar):
+        raise mps.SceneError(f"bar_distance = {bar_distance:g} m: must be more than the bars' {bar_diameter:g} m")
     half, smooth = 0.5 * width, sides == "smooth"
     if form:
         cell, reach = 0.5 * spacing, 2.5 * spacing

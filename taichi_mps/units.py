@@ -405,12 +405,12 @@ def suggestion(key, known) -> str:
 
 
 def in_smaller_unit(number: float, most: float) -> str:
-    """Return '; add a unit: 18 cm' for a length [m] beyond the largest that was meant in cm, or in mm.
+    """Return '; add a unit: 18 cm' for a length [m] beyond the largest that was meant in cm, or in mm; '' below 3.
 
     Millimetres are meant from 100 on, and where so many centimetres are too much as well.
     """
     unit, size = ("cm", 0.01) if number < 100.0 and number * 0.01 <= most else ("mm", 0.001)
-    return f"; add a unit: {number:g} {unit}" if number * size <= most else ""
+    return f"; add a unit: {number:g} {unit}" if number >= 3.0 and number * size <= most else ""
 
 
 def explain(error: ValidationError, model: type[Checked]) -> dict[str, str]:
@@ -431,7 +431,9 @@ def explain(error: ValidationError, model: type[Checked]) -> dict[str, str]:
         elif kind.startswith(("greater", "less")):
             allowed += (f" {unit}" if unit else "") + (f" ({known.hint})" if known.hint else "")
             most = next((item["ctx"][key] for key in ("le", "lt") if key in item["ctx"]), -np.inf)
-            allowed += in_smaller_unit(float(item["input"]), most) if unit == "m" else ""
+            allowed += (
+                in_smaller_unit(float(item["input"]), most) if unit == "m" and without_unit(str(item["input"])) else ""
+            )
         elif allowed.endswith(OF_THAT_KIND) and known.hint:
             allowed += f" ({known.hint})"
         shown = " ".join(str(item["input"])[:1000].split())[:MAX_CHARACTERS] or "''"  # on one line

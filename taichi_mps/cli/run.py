@@ -55,14 +55,19 @@ def make_clock(problem, options):
 def describe_run(problem, clock, verbose=False) -> list[str]:
     """Lines that describe a run before it starts: particles, memory, time, and its parts with ``verbose``, expected
     errors, thin solids."""
-    from ..engine import memory_of, pairs_of, particles_of
+    from ..engine import Pouring, memory_of, pairs_of, particles_of
 
     scene, facts = problem.scene, problem.facts()
     part = {1: ", half of the body", 2: ", a quarter of the body"}.get(len(scene.mirrors), "")
     part = f", model {scene.parameters['model']}" if "model" in scene.parameters else part
     what = f"{particles_of(problem):,} particles of {1e3 * scene.spacing:.3g} mm{part}"
     needed = size(memory_of(problem, pairs_of(scene), clock.precision))
-    pours = f"Pours {1e3 * sum(inlet.volume for inlet in scene.inlets):.3g} l. " if scene.inlets else ""
+    pours = (
+        f"Pours {1e3 * sum(inlet.volume * Pouring(scene, inlet).copies for inlet in scene.inlets):.4g} l"
+        f"{' a metre' * (scene.dimension == 2)}. "
+        if scene.inlets
+        else ""
+    )
     parts = f"{duration_by_part(clock.expected, clock.cpu_seconds)}, some {float(f'{clock.cost.steps:.2g}'):,.0f} steps"
     takes = f"Takes about {parts if verbose else duration_text(clock.whole)}{'; shorter the next time' * clock.cold}."
     return [

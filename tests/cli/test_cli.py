@@ -284,6 +284,10 @@ def test_a_scene_file_runs_alone_and_the_pictures_can_be_drawn_again(work):
             "rate = 3m/h: must be a number in m3/s or a unit of that kind (a rise of 3 m/h over 1 m2 is 3 m3/h)",
         ),
         ("run wall --length 30", "length = 30 m: must be less than or equal to 24 m"),
+        ("run wall --length 30m", "length = 30m: must be less than or equal to 24 m"),
+        ("run wall --hose-diameter 25cm", "hose_diameter = 0.25 m: must be at most 0.2 m, as wide as the form"),
+        ("run wall --bar-distance 1cm", "bar_distance = 0.01 m: must be more than the bars' 0.016 m"),
+        ("run j_ring --ring-diameter 20cm", "ring_diameter = 0.2 m: must be at least 0.218 m, around the cone's base"),
         ("run slump --accuracy 5", "accuracy = 5 m: must be at most 0.1 m (0.005 or 5mm for 5 mm)"),
         (
             "run mini_cone --spacing 20mm",
