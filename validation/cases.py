@@ -106,8 +106,8 @@ TABLE = [
         "Beris et al. (1985): 2 tau_y pi a^2/F = 0.143", grains.held, {"across": 8}),
     Row("suspension_dilute", "one sphere in a cube of four diameters in shear between plates, Newtonian",
         "Einstein (1906): 1 + 2.5 phi; unbounded", grains.dilute, {"across": (4, 6, 8)}),
-    Row("suspension", "spheres 4 across in a cube of six diameters in shear between plates, Newtonian, strain 2",
-        KRIEGER, grains.suspensions, {"across": 4, "fractions": (0.1, 0.2, 0.3)}),
+    Row("suspension", "spheres 4 across in a cube of six diameters in shear between plates, Newtonian, strain 1",
+        KRIEGER, grains.suspensions, {"across": 4, "fractions": (0.1, 0.2, 0.3), "strain": 1.0, "seeds": 1}),
     *(
         Row(f"suspension_fine_{100 * fraction:.0f}", f"suspension 6 across in the same cube, {fraction:g}",
             KRIEGER, grains.suspensions, {"across": 6, "fractions": (fraction,)})
@@ -115,7 +115,8 @@ TABLE = [
     ),
     Row("suspension_yield", "suspension 4 across in the same cube, a yield stress of 100 times the viscous stress",
         "Chateau, Ovarlez and Trung (2008), phi_m = 0.57", grains.suspensions,
-        {"across": 4, "fractions": (0.1, 0.2, 0.3), "law": grains.YIELDING, "constant": "yield stress", "bound": 0.15}),
+        {"across": 4, "fractions": (0.1, 0.2, 0.3), "law": grains.YIELDING, "constant": "yield stress", "bound": 0.15,
+         "strain": 1.0, "seeds": 1}),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),
     collapse(500.0, 0.02),

@@ -90,17 +90,18 @@ def dilute(across):
         yield Measured(f"intrinsic viscosity {found:.2f}, {each} across, relative", found / EINSTEIN - 1.0, 0.12)
 
 
-def suspensions(across: int, fractions, law=NEWTONIAN, constant="viscosity", bound=0.12):
-    """A constant of suspensions over that of their fluid, in a cube of six diameters, sheared to a strain of 2, mean of
-    five seeds."""
+def suspensions(across, fractions, law=NEWTONIAN, constant="viscosity", bound=0.12, strain=2.0, seeds=5):
+    """A constant of suspensions over that of their fluid, in a cube of six diameters, sheared to a strain, mean of some
+    seeds."""
     for part in fractions:
         known = growth(part)["yield_value"] if law.yields else (1.0 - part / PACKED) ** (-EINSTEIN * PACKED)
         found = [
-            thickened(across, 6, 2.0, law, {} if law.yields else FAST, volume_fraction=part, seed=seed)[0]
-            for seed in range(1, 6)
+            thickened(across, 6, strain, law, {} if law.yields else FAST, volume_fraction=part, seed=seed)[0]
+            for seed in range(1, 1 + seeds)
         ]
         yield Measured(
-            f"{np.mean(found):.2f} ({min(found):.2f} to {max(found):.2f}) times the {constant} at {part:g}, relative",
+            f"{np.mean(found):.2f}{f' ({min(found):.2f} to {max(found):.2f})' * (seeds > 1)} times the {constant} at "
+            f"{part:g}, relative",
             np.mean(found) / known - 1.0,
             bound,
         )
