@@ -161,7 +161,7 @@ def build(name: SceneName, material: AnyMaterial | None = None, /, **keywords: A
     name : str
         Name of a built-in scene or path of a Python file.
     material : Material, optional
-        Material instead of the numbers of one, for a scene that takes a material.
+        Material instead of the numbers of one, for a scene that takes a material; by place, not by name.
     **keywords
         Keywords of the scene's function, such as ``spacing`` [m] and ``until`` [s]; a number or text with a unit.
 

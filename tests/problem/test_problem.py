@@ -46,6 +46,7 @@ REFUSED = [
         None,
         "^density = 23000 kg/m3: must be from 200",
     ),
+    ({"grains": mps.Grains(0.3, 0.2, density=2.65), "gravity": (0.0, -9.81)}, None, "^density = 2.65 kg/m3: must be"),
     ({"inlets": (hose(rate=1e3),)}, None, "leaves the hose at 1.67e[+]03 m/s; must be at most"),
     ({"inlets": (hose(path=((0.0, 0.0, 0.0), (1e-3, 1.0, 0.0))),)}, None, "moves with the jet at 1e[+]03 m/s"),
     ({"inlets": (hose(centre=(0.2, 0.3)),)}, None, "lies in the fluid at 0 s"),

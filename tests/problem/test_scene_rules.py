@@ -36,6 +36,8 @@ REFUSED = [
     ({"periodic": True}, "periodic = True: must be a tuple, each True or False"),
     ({"periodic": "ab"}, "periodic = ab: must be a tuple, each True or False"),
     ({"cavity": 1}, "cavity = 1: must be a Cavity"),
+    ({"grains": mps.Grains(40.0, centres=[(0.1, 0.1)])}, "grains: the scene has diameters up to 40 m, longer than its"),
+    ({"axisymmetric": True, "walls": (MIRROR,)}, "axisymmetric = True: periodic along r, or with a mirror plane"),
     ({"cavity": mps.Cavity((0.0,) * 3, (1.0,) * 3, (), 0.1)}, "cavity: must have 2 coordinates, as the fluid has"),
     (
         {"cavity": mps.Cavity((0.0, 0.0), (1.0, 1.0), (), 0.1), "axisymmetric": True},

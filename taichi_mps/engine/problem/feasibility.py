@@ -83,9 +83,10 @@ def walls_suit_the_scheme(problem):
 
 # ---- wrong units and origins ---------------------------------------------------------------------------------------
 def density_is_plausible(problem):
-    """The density is plausible under the Earth's gravity; under another gravity numbers may be dimensionless."""
+    """Densities, of grains as well, are plausible under the Earth's gravity; under another numbers may be
+    dimensionless."""
     if np.any(np.abs(np.linalg.norm(gravities(problem.scene), axis=1) - EARTH_GRAVITY) < 1.0):
-        for material in problem.scene.materials:
+        for material in (*problem.scene.materials, *filter(None, [problem.scene.grains])):
             require(
                 LIGHTEST <= material.density <= HEAVIEST,
                 f"density = {material.density:g} kg/m3: must be from {LIGHTEST:g} to {HEAVIEST:g} kg/m3 under gravity "

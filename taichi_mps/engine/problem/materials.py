@@ -52,7 +52,7 @@ class Material(Checked):
     - ``shear_stress(rate, structure)`` [Pa], its flow curve at a shear rate [1/s], which Taichi can compile;
     - ``growth(rate, structure)`` [1/s], the rate of change of the structure, or None without thixotropy;
     - ``typical_slope`` [Pa s] of the flow curve, the scale of the time step, of the penalty, of the hourglass
-      resistance and of the layer at a wall with friction. It does not set the stress.
+      resistance and of the layer at a wall with friction. The answer converges where it is that of the curve.
 
     Examples
     --------
@@ -588,8 +588,8 @@ class FlowCurve(Material):
     ``shear_stress(rate, structure)`` is a short function that Taichi can compile: the stress [Pa] at a shear rate
     [1/s], not falling with it, and equal to the yield stress at rate 0. ``growth(rate, structure)``, if given, is the
     rate of change [1/s] of ``structure``, a number that every particle carries and that is zero at the start:
-    thixotropy. ``typical_slope`` [Pa s] of the curve sets the length of the steps and the penalty of the iteration, not
-    the answer. Scheme ``implicit`` only.
+    thixotropy. ``typical_slope`` [Pa s] of the curve sets the length of the steps and the penalty of the iteration:
+    that of the chord to 5 1/s, for one far from it makes the answer wrong. Scheme ``implicit`` only.
 
     Examples
     --------

@@ -85,7 +85,7 @@ class Scene:
     measure : callable, optional
         ``measure(snapshot)`` gives results of the whole body, {name: float}.
     check : callable, optional
-        ``check(snapshot, measures)`` raises AssertionError when the result is wrong.
+        ``check(snapshot, measures)`` raises AssertionError when the result is wrong; tests call it, a run does not.
     over_time : callable, optional
         ``over_time(history)`` gives results from the columns of history.csv, {name: float}.
     enlarged_by : str, optional

@@ -156,7 +156,10 @@ def rings_lie_around_the_axis(scene):
         require(inmost > 0.0, f"axisymmetric = True: a particle lies at r = {inmost:g} m; r must be above 0 m")
         across = gravity[np.argmax(np.abs(gravity[:, 0]))]
         require(across[0] == 0.0, f"gravity = {tuple(across.tolist())} m/s2: must be along z, axisymmetric")
-        require(not scene.periodic[0], "axisymmetric = True: periodic along r; only z may be periodic")
+        require(
+            not (scene.periodic[0] or scene.mirrors),
+            "axisymmetric = True: periodic along r, or with a mirror plane; only z may be periodic",
+        )
 
 
 def mirrors_are_planes_of_symmetry(scene):
@@ -196,6 +199,10 @@ def grains_are_supported(scene):
     for what, there in {
         "centres, but no fluid at 0 s; must have volume_fraction": scene.grains.centres is not None
         and scene.fluid.size == 0,
+        f"diameters up to {scene.grains.diameters.max():g} m, longer than its domain; must be shorter": np.ptp(
+            scene.domain, axis=0
+        ).min()
+        < scene.grains.diameters.max(),
         "mirror planes, which would cut them; must be the whole body, model full where there is one": scene.mirrors,
         "rings, which would cut them; must be the whole body, axisymmetric = False": scene.axisymmetric,
         "a jolt; must be a scene without, as slump": scene.jolts,

@@ -35,7 +35,12 @@ class Stream:
             of, centres, radii, turns = scene.grains.places(
                 (self.x - origin) @ axes.T, scene.spacing, scene.domain, (False,) * d
             )
-            self.places = of, centres @ axes + origin, radii, axes.T @ turns
+            self.places = (
+                of,
+                centres @ axes + origin,
+                radii,
+                axes.T @ turns @ (np.eye(d) if len(scene.grains.rows) else axes),
+            )
             first = np.full(len(radii) + 1, len(number))
             np.minimum.at(first, of, self.layer)
             self.layer = np.where(of > 0, first[of], self.layer)

@@ -9,7 +9,7 @@ from ..terms.rigid import Rigid
 
 @dataclass(frozen=True, eq=False)
 class GrainState:
-    """Grains at one instant, g of them in d dimensions.
+    """Grains at the end of a step, g of them in d dimensions, those yet to enter included.
 
     Parameters
     ----------
