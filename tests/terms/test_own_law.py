@@ -39,8 +39,8 @@ def falling(rate, structure):
     return 40.0 + 100.0 * rate / (1.0 + rate * rate)
 
 
-def of_nothing(rate, structure):
-    pass
+def of_two_numbers(rate, structure):
+    return 40.0 + 20.0 * rate, 0.0  # what would end the process where it is compiled as a number
 
 
 def cut_to_integers(rate, structure):
@@ -93,7 +93,7 @@ def film(law, growth=None):
         (above_a_rate, None, r"shear_stress = above_a_rate: is nan Pa at a shear rate of 1\d\d 1/s"),
         (negative, None, "shear_stress = negative: is -40 Pa at a shear rate of 0 1/s .*; must be finite and at least"),
         (falling, None, r"shear_stress = falling: falls from 90 to 88.7 Pa from 1 to 1.26 1/s; must not fall"),
-        (of_nothing, None, "shear_stress = of_nothing: cannot be compiled"),
+        (of_two_numbers, None, "shear_stress = of_two_numbers: cannot be compiled"),
         (
             cut_to_integers,
             None,

@@ -202,9 +202,10 @@ class OwnLaw:
     ):
         for k in range(rate.shape[0]):
             at, of = ti.cast(rate[k], float), ti.cast(structure[k], float)
-            stress[k] = ti.cast(self.curve(at, of), ti.f64)
+            # as an element of a vector, which only a number can be: compiling two as one would end the process
+            stress[k] = ti.cast(ti.Vector([self.curve(at, of)])[0], ti.f64)
             if ti.static(self.has_growth):
-                growth[k] = ti.cast(self.growth(at, of), ti.f64)
+                growth[k] = ti.cast(ti.Vector([self.growth(at, of)])[0], ti.f64)
 
     def failure(self, particles) -> str | None:
         """Value of the law that is no valid stress, at rest or at the rate of a fluid particle, after a step."""
