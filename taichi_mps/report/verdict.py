@@ -84,7 +84,11 @@ def passing(found: dict, known: dict) -> str:
     key, least, most, asked = LIMITS.get(found["scene"], ("", 0.0, 0.0, ""))
     if found.get(key) is None or known.get("bars") in ("none", "no") or found.get("grains"):
         return ""
-    passes = "Passes as a fluid, without grains that jam" if least <= found[key] <= most else "Does not pass"
+    passes = (
+        "Passes as a fluid, without grains that jam"
+        if least <= found[key] <= most
+        else "Does not pass" + " so far" * (found["stopped_by"] == "time")
+    )
     return f"{passes}: {title(key)} {written(key, found[key])}, {asked}"
 
 

@@ -307,7 +307,7 @@ FORM = {"height": 0.4, "fill_ratio": 0.95, "spacing": 0.02}
             "l_box",
             {"bars": "3"},
             {"passing_ratio": 0.7},
-            "Does not pass: passing ratio H2/H1 0.700, EN 206 asks for 0.80.",
+            "Does not pass so far: passing ratio H2/H1 0.700, EN 206 asks for 0.80.",
         ),
         (
             "j_ring",
@@ -315,7 +315,12 @@ FORM = {"height": 0.4, "fill_ratio": 0.95, "spacing": 0.02}
             {"blocking_step_m": 0.004},
             "Passes as a fluid, without grains that jam: blocking step 0.4 cm, EN 206 allows 1 cm.",
         ),
-        ("u_box", {"bars": "yes"}, {"h2_m": 0.25}, "Does not pass: height H2 25.0 cm, JSCE asks for 30 cm."),
+        (
+            "u_box",
+            {"bars": "yes"},
+            {"h2_m": 0.25, "stopped_by": "rest"},
+            "Does not pass: height H2 25.0 cm, JSCE asks for 30 cm.",
+        ),
         ("v_funnel", {}, {"flow_time_s": None, "left_m3": 0.004}, "Does not run out: 4 l are left in the funnel."),
         ("printing", {}, {"failure_height_m": 0.231, "height_m": 0.2}, "Collapses at 23.1 cm."),
         ("printing", {}, {"failure_height_m": None, "height_m": 0.2}, "Stands: 20.0 cm high."),
