@@ -106,7 +106,7 @@ def carry_out(sim, folder, options, source, as_json, clock, drawing, resumed=Non
         if resumed is None:
             folder.create(options.overwrite)
         else:
-            keep_edited(folder.case, resumed.get(CASE))
+            keep_edited(folder.case, {resumed.get(CASE), crc32(case.encode())})  # it, or this run before it was killed
             for path in (folder.report, folder.animation):  # which would end where that run ended
                 path.unlink(missing_ok=True)
         write_whole(folder.case, case)
@@ -166,10 +166,10 @@ def show_end(summary, folder, quiet, as_json) -> int:
     return DIVERGED
 
 
-def keep_edited(file, written: int | None) -> None:
-    """Keep a case.toml that is not the one with this checksum, as the run had written it: a resumed run goes on as it
+def keep_edited(file, written: set) -> None:
+    """Keep a case.toml that has none of these checksums of what runs have written: a resumed run goes on as it
     began."""
-    if file.is_file() and crc32(file.read_bytes()) != written:
+    if file.is_file() and crc32(file.read_bytes()) not in written:
         kept = next_free(file.with_name("case.edited.toml"))
         os.replace(file, kept)
         notify(f"case = {file}: has been edited; the run goes on as it began, the file is now {kept}")

@@ -133,7 +133,7 @@ def test_a_case_that_was_edited_after_its_run_had_begun_is_kept_and_told(tmp_pat
     path, text = tmp_path / "case.toml", case_file.case_text("slump", problem, options.model_dump())
     assert edit[0] in text
     path.write_bytes(text.replace(*edit).encode())
-    keep_edited(path, crc32(text.encode()))
+    keep_edited(path, {crc32(text.encode())})
     is_edited = any(edit)
     assert ("has been edited" in capsys.readouterr().err) is is_edited is (not path.is_file())
     kept = tmp_path / "case.edited.toml" if is_edited else path

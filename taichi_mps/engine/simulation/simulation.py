@@ -260,7 +260,7 @@ class Simulation:
     @property
     @in_session
     def grains(self) -> GrainState:
-        """Centres, velocities, spins, rotations and radii of the grains now; SceneError without grains."""
+        """Grains at the end of the last step, a part of a step after ``time``; SceneError without grains."""
         require(self.scene.grains, f"grains: scene {self.scene.name} has none; must be a Scene with grains")
         return GrainState.of(self.scheme.rigid)
 
