@@ -50,8 +50,8 @@ def own_laws_take_rate_and_structure(problem):
 
 
 def walls_suit_the_scheme(problem):
-    """The radius of a curved wall is greater than the effective radius. Walls of particles allow
-    no axisymmetric scene, no grains, no moving, thin or frictional walls, no mirrors, no inlets and no wall loads."""
+    """The radius of a curved wall is greater than the effective radius. Walls of particles allow no axisymmetric scene,
+    no grains, no moving, thin or frictional walls, no mirrors, no inlets and no wall loads."""
     scene, radius = problem.scene, problem.effective_radius
     require(
         scene.wall_particles is None or scene.walls,

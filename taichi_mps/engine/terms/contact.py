@@ -23,8 +23,8 @@ from ..runtime.thread_team import first, last, wait
 from .constants import Term
 
 NEAR = 0.5  # gap over l0 from which on two are a contact
-# room for contacts with each wall, and largest number of one sphere with one wall: all faces of a box
-MAX_WALL_CONTACTS, MOST_OF_A_WALL = 3, 6
+# room of a grain for contacts with each wall; largest number of a sphere's with one wall: all faces of a box
+WALL_CONTACT_ROOM, MAX_WALL_CONTACTS = 3, 6
 OF_CLUMP = 3  # room for contacts of a clump over that of a sphere
 SAME_CONTACT = 0.5  # cosine between normals from which on two points of a wall are one contact
 STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
@@ -37,7 +37,7 @@ NONE = int(-1e6)  # no partner
 def most_contacts(radii, surfaces: int) -> int:
     """Largest number of contacts of a grain: of small ones around a large one, by the area that each takes."""
     ratio = float(np.max(radii) / np.min(radii))
-    return int(4.0 * (1.0 + 1.2 * ratio) ** 2) + MAX_WALL_CONTACTS * surfaces
+    return int(4.0 * (1.0 + 1.2 * ratio) ** 2) + WALL_CONTACT_ROOM * surfaces
 
 
 @ti.data_oriented
@@ -117,7 +117,7 @@ class Contacts(Term):
         """Contacts of sphere s of grain g with wall k: the point nearest to its particles, and others in other
         directions."""
         centre, radius, begin = self.rigid.sphere_centre(s), self.rigid.sphere_radius[s], self.number[g]
-        for n in range(MOST_OF_A_WALL):
+        for n in range(MAX_WALL_CONTACTS):
             least, towards = ti.cast(1e9, ti.f64), ti.Vector.zero(ti.f64, 3)
             if n == 0 or self.number[g] == begin + n:
                 for m in range(self.rigid.begin[g], self.rigid.end[g]):
