@@ -14,7 +14,7 @@ RIWLIN = "B_taylor_couette.csv and closed form"
 STOPPED = "time step capped to T_stop/200; stopped: max speed < 1e-3 V"
 THRESHOLD = "B_fe_initial_velocity_threshold.csv"
 GHIA = "own solution beside Ghia et al. (1982)"
-KRIEGER = "Krieger and Dougherty (1959), phi_m = 0.64"
+KRIEGER, CHATEAU = "Krieger and Dougherty (1959), phi_m = 0.64", "Chateau, Ovarlez and Trung (2008), phi_m = 0.57"
 INERTIAL, INERTIALESS = "finite elements with inertia", "finite elements without inertia"
 ARRESTED = f"{INERTIAL}: it stands at tau_y; {INERTIALESS}: below which it flows"
 
@@ -114,9 +114,13 @@ TABLE = [
         for fraction in (0.1, 0.2, 0.3)
     ),
     Row("suspension_yield", "suspension 4 across in the same cube, a yield stress of 100 times the viscous stress",
-        "Chateau, Ovarlez and Trung (2008), phi_m = 0.57", grains.suspensions,
-        {"across": 4, "fractions": (0.1, 0.2, 0.3), "law": grains.YIELDING, "constant": "yield stress", "bound": 0.15,
-         "strain": 1.0, "seeds": 1}),
+        CHATEAU, grains.suspensions,
+        {"across": 4, "fractions": (0.1, 0.2, 0.3), "strain": 1.0, "seeds": 1, "law": grains.YIELDING}),
+    *(
+        Row(f"suspension_yield_fine_{100 * fraction:.0f}", f"suspension with that yield stress, 6 across, {fraction:g}",
+            CHATEAU, grains.suspensions, {"across": 6, "fractions": (fraction,), "law": grains.YIELDING})
+        for fraction in (0.1, 0.2, 0.3)
+    ),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),
     collapse(500.0, 0.02),

@@ -13,8 +13,6 @@ EINSTEIN, PACKED = 2.5, 0.64  # intrinsic viscosity of spheres (Einstein 1906), 
 LIGHT = 20.0  # density [kg/m3] with which a shear is steady after some milliseconds
 NEWTONIAN = mps.Newtonian(viscosity=VISCOSITY, density=LIGHT)
 YIELDING = mps.Bingham(yield_value=100.0, plastic_viscosity=1.0, density=LIGHT)  # all but yield stress at 1/s
-# of a viscous fluid, whose stress they change by less than 0.5 % (4 across, 0.3, strain 0.2) in a third of the time
-FAST = {"courant_number": 0.4, "passes": 3}
 STANDS, CREEP = (
     1e-4,
     1e-6,
@@ -90,13 +88,17 @@ def dilute(across):
         yield Measured(f"intrinsic viscosity {found:.2f}, {each} across, relative", found / EINSTEIN - 1.0, 0.12)
 
 
-def suspensions(across, fractions, law=NEWTONIAN, constant="viscosity", bound=0.12, strain=2.0, seeds=5):
-    """A constant of suspensions over that of their fluid, in a cube of six diameters, sheared to a strain, mean of some
-    seeds."""
+def suspensions(across, fractions, law=NEWTONIAN, strain=2.0, seeds=5):
+    """Viscosity of suspensions over that of their fluid, with a law that yields their yield stress, in a cube of six
+    diameters, sheared to a strain, mean of some seeds."""
+    # long steps and few passes change a viscous stress by less than 0.5 % (4 across, 0.3, strain 0.2)
+    constant, bound, numerics = (
+        ("yield stress", 0.15, {}) if law.yields else ("viscosity", 0.12, {"courant_number": 0.4, "passes": 3})
+    )
     for part in fractions:
         known = growth(part)["yield_value"] if law.yields else (1.0 - part / PACKED) ** (-EINSTEIN * PACKED)
         found = [
-            thickened(across, 6, strain, law, {} if law.yields else FAST, volume_fraction=part, seed=seed)[0]
+            thickened(across, 6, strain, law, numerics, volume_fraction=part, seed=seed)[0]
             for seed in range(1, 1 + seeds)
         ]
         yield Measured(
