@@ -55,7 +55,7 @@ def closing(summary: dict, folder) -> list[str]:
         if (Path(folder) / "report.html").is_file()
         else []
     )
-    return [cost(summary), f"Pictures and results lie in {plain(folder)}.", *shown]
+    return [cost(summary), f"The results lie in {plain(folder)}.", *shown]
 
 
 def main_results(summary) -> str:

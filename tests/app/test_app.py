@@ -442,9 +442,9 @@ ODD = {  # what is odd in a run folder, and what is said when it is chosen; the 
     "many measures": (with_results(**{f"reach_{k}_m": 0.5 for k in range(20_000)}), "more, see summary.json"),
     "no JSON": (lambda folder: folder.summary.write_text("[" * 100_000), "It runs, was cut off"),
     "pipe for summary": (lambda folder: pipe(folder.path / "summary.json"), "It runs, was cut off"),
-    "pipe for picture": (lambda folder: pipe(folder.path / "frames/frame_00007.png"), "Pictures and results lie in"),
-    "pipe for history": (lambda folder: pipe(folder.path / "history.csv"), "Pictures and results lie in"),
-    "\udcff": (lambda folder: None, "Pictures and results lie in"),
+    "pipe for picture": (lambda folder: pipe(folder.path / "frames/frame_00007.png"), "The results lie in"),
+    "pipe for history": (lambda folder: pipe(folder.path / "history.csv"), "The results lie in"),
+    "\udcff": (lambda folder: None, "The results lie in"),
 }
 
 

@@ -86,8 +86,12 @@ def test_a_class_of_ones_own_is_a_law_as_any(monkeypatch):
     np.testing.assert_allclose(growth, 0.5 - rates * structure, rtol=1e-6)
     film = replace(mps.catalogue.build("film", spacing=0.02), check=None, measure=None)
     monkeypatch.setattr(mps.Simulation, "_build", lambda sim: pytest.fail("allocated"))
-    with pytest.raises(mps.SceneError, match="material: shear_stress = Falling.shear_stress: .*must"):
-        mps.Simulation(replace(film, material=Falling()))
+    for mix, message in (
+        (Falling(), "shear_stress = Falling.shear_stress: .*must"),
+        (Thinning(k=0), "typical_slope = 0 "),
+    ):
+        with pytest.raises(mps.SceneError, match=f"material: {message}"):
+            mps.Simulation(replace(film, material=mix))
     mixes = Thinning(), Building(), Thinning(k=20.0), mps.FlowCurve(shear_stress=curve), mps.HerschelBulkley()
     assert len({shape_of(Problem(replace(film, material=mix))) for mix in mixes}) == len(mixes)  # compiled whole
     assert all(mix.own is not isinstance(mix, mps.HerschelBulkley) for mix in mixes)
@@ -100,15 +104,15 @@ def test_a_class_of_ones_own_is_a_law_as_any(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("members", "message"),
+    ("base", "body", "message"),
     [
-        ((mps.Bingham, {"shear_stress": curve}), "a law with a flow curve of its own must derive from mps.Law"),
-        ((mps.Law, {}), "abstract"),
+        (mps.Bingham, {"shear_stress": curve}, "a law with a flow curve of its own must derive from mps.Law"),
+        (mps.Law, {}, "abstract"),
+        (mps.Law, {"shear_stress": lambda _law, rate, _structure: 30.0 * rate}, "yield_value is missing"),
     ],
 )
-def test_a_class_that_is_no_law_is_refused_where_it_is_made(members, message):
-    base, body = members
-    with pytest.raises(TypeError, match=message):
+def test_a_class_that_is_no_law_is_refused_where_it_is_made(base, body, message):
+    with pytest.raises((TypeError, mps.SceneError), match=message):
         type("Mine", (base,), body)()
 
 

@@ -40,13 +40,17 @@ def scheme_supports_the_law(problem):
 
 
 def own_laws_take_rate_and_structure(problem):
-    """Functions of a user's law take two numbers, shear rate and structure."""
+    """Functions of a user's law take two numbers, shear rate and structure, and its stress grows with the rate."""
     for key, function in chain.from_iterable(material.functions.items() for material in problem.scene.materials):
         try:
             inspect.signature(function).bind(0.0, 0.0)
         except (TypeError, ValueError) as error:
             name = f"{key} = {getattr(function, '__name__', function)}"
             raise SceneError(f"material: {name}: must take two numbers, (rate, structure); {error}") from None
+    require(
+        all(material.typical_slope != 0.0 for material in problem.scene.materials),
+        "material: typical_slope = 0 Pa s: its stress must grow with the shear rate, as by a viscosity",
+    )
 
 
 def walls_suit_the_scheme(problem):

@@ -356,6 +356,7 @@ class Law(Material):
     growth: ClassVar[Callable | None] = None
 
     critical_strain_rate: None = None
+    yield_value: YieldValue = Field(description="yield stress of the mix")
 
     @property
     def from_fields(self) -> tuple[str, ...]:

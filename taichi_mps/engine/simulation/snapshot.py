@@ -27,7 +27,12 @@ def snapshot(sim) -> Snapshot:
         yielded=rows["yielded"][order].astype(bool),
         density_ratio=rows["n"][order],
         wall_x=rows["x"][rows["kind"] != FLUID],
-        size=ring_sizes(rows, sim.scene.spacing)[order] if sim.scene.axisymmetric else None,
+        # side of the cross-section of a ring; of one on the axis as if it were half a spacing from it
+        size=(
+            np.sqrt(rows["ring"] / (2.0 * np.pi * np.maximum(rows["x"][:, 0], 0.5 * sim.scene.spacing)))[order]
+            if sim.scene.axisymmetric
+            else None
+        ),
         mix=rows["mix"][order] if "mix" in rows else None,
         grain=sim.scheme.rigid.of_members[rows["slot"][order]] if "slot" in rows else None,
         loads=loads(sim.scene, rows, order) if sim.problem.wall_loads else {},
@@ -60,11 +65,6 @@ def loads(scene, rows, order) -> dict[str, Load]:
             axis,
         )
     return found
-
-
-def ring_sizes(rows, spacing: float):
-    """Side [m] of the cross-section of rings; that of one on the axis as if it were half a spacing from it."""
-    return np.sqrt(rows["ring"] / (2.0 * np.pi * np.maximum(rows["x"][:, 0], 0.5 * spacing)))
 
 
 def crossing(rows: dict, scene) -> tuple[str, float] | None:

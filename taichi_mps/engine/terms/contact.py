@@ -27,7 +27,9 @@ NEAR = 0.5  # gap over l0 from which on two are a contact
 WALL_CONTACT_ROOM, MAX_WALL_CONTACTS = 3, 6
 OF_CLUMP = 3  # room for contacts of a clump over that of a sphere
 SAME_CONTACT = 0.5  # cosine between normals from which on two points of a wall are one contact
-STIFFNESS, YIELD_STIFFNESS = 10.0, 200.0  # r = 10 (m/dt + 6 pi eta a + 200 tau_y a^2) of the smaller grain
+# r = m/dt + 6 pi eta a + 200 tau_y a^2 of the smaller grain. Of dry grains ten times that; in mortar the solves before
+# the last leave a part of the velocities, and r times it would come back in each of them
+YIELD_STIFFNESS, DRY_STIFFNESS = 200.0, 10.0
 # overlap over l0 that stays, and part of a larger one that each grain takes back in a step
 MAX_OVERLAP, BACK = 0.01, 0.1
 FOOT_TURNS = 20  # in which the foot of a contact on a wall is found; each leaves 1 - l0/(2 a) of its error on a plane
@@ -46,8 +48,7 @@ class Contacts(Term):
 
     def __init__(self, fluid, constants, rigid, grains):
         super().__init__(fluid, constants=constants, rigid=rigid)
-        self.spacing, self.friction = self.gradient.spacing, grains.friction
-        self.parts = rigid.parts
+        self.spacing, self.friction, self.parts = self.gradient.spacing, grains.friction, rigid.parts
         # room of each grain
         self.most = most_contacts(rigid.radii, len(self.walls.surfaces)) * (OF_CLUMP if self.parts > 1 else 1)
         n = rigid.count * self.most
@@ -169,11 +170,14 @@ class Contacts(Term):
 
     @ti.func
     def penalty(self, g, h):
-        """r [N s/m], by the mass of the smaller of grains g and h over the step, its drag and its yield force."""
+        """r [N s/m], by the mass of the smaller of grains g and h over the step, its drag and its yield force; ten
+        times that where neither sees mortar."""
         a, d = ti.min(self.rigid.radius[g], self.rigid.radius[h]), ti.static(self.dimension)
         drag = 6.0 * np.pi * self.constants.eta[0] * (a if d == 3 else 1.0)
         held = YIELD_STIFFNESS * self.constants.tau_y[0] * (a * a if d == 3 else a)
-        return STIFFNESS * (ti.min(self.rigid.mass[g], self.rigid.mass[h]) / self.step[None] + drag + held)
+        return ti.select(self.rigid.in_mortar[g] + self.rigid.in_mortar[h] == 0, DRY_STIFFNESS, 1.0) * (
+            ti.min(self.rigid.mass[g], self.rigid.mass[h]) / self.step[None] + drag + held
+        )
 
     def check(self) -> None:
         """Raise CapacityError where a contact of the step found no room."""

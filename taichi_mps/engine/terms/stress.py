@@ -6,6 +6,8 @@ from ..runtime.stages import stage
 from .constants import Term
 from .rheology import bi_viscosity, compiled, curve_mapping, deviator, magnitude, series_mapping
 
+MIN_PENALTY_FRACTION = 0.5  # fraction of mortar beside a grain, from which on down its penalty grows no more [-]
+
 
 @ti.func
 def return_mapping(trial, plastic_viscosity, yield_stress, mu_r, variation=0.0):
@@ -80,11 +82,12 @@ class Stress(Term):
         if ti.static(self.law == "yield-stress"):
             mu = self.constants.mu_r[m]
         elif ti.static(self.law == "bi-viscosity"):
-            rate /= self.mortar_fraction(i)
-            mu = bi_viscosity(rate, self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m])
-        if ti.static(self.law != "yield-stress"):
-            mu *= self.stress_ratio(i) / self.mortar_fraction(i)
-        return mu
+            mu = bi_viscosity(
+                rate / self.mortar_fraction(i), self.constants.eta[m], self.constants.tau_y[m], self.constants.pi_c[m]
+            )
+        lowest = ti.static(MIN_PENALTY_FRACTION if self.law == "yield-stress" else 0.0)
+        # of what a gradient sees only mortar strains, so it is stiffer
+        return mu * self.stress_ratio(i) / ti.max(lowest, self.mortar_fraction(i))
 
     @ti.func
     def mortar_fraction(self, i):
