@@ -39,8 +39,9 @@ def scheme_supports_the_law(problem):
         )
 
 
-def own_laws_take_rate_and_structure(problem):
-    """Functions of a user's law take two numbers, shear rate and structure, and its stress grows with the rate."""
+def own_laws_are_flow_curves(problem):
+    """Functions of a user's law take two numbers, shear rate and structure, and its stress changes with the rate; one
+    that falls is refused where it is compiled."""
     for key, function in chain.from_iterable(material.functions.items() for material in problem.scene.materials):
         try:
             inspect.signature(function).bind(0.0, 0.0)
@@ -199,7 +200,7 @@ def pairs_can_be_counted(problem):
 
 RULES = (
     scheme_supports_the_law,
-    own_laws_take_rate_and_structure,
+    own_laws_are_flow_curves,
     walls_suit_the_scheme,
     density_is_plausible,
     inlets_are_plausible,

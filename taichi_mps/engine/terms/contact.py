@@ -27,8 +27,8 @@ NEAR = 0.5  # gap over l0 from which on two are a contact
 WALL_CONTACT_ROOM, MAX_WALL_CONTACTS = 3, 6
 OF_CLUMP = 3  # room for contacts of a clump over that of a sphere
 SAME_CONTACT = 0.5  # cosine between normals from which on two points of a wall are one contact
-# r = m/dt + 6 pi eta a + 200 tau_y a^2 of the smaller grain. Of dry grains ten times that; in mortar the solves before
-# the last leave a part of the velocities, and r times it would come back in each of them
+# r = m/dt + 6 pi eta a + 200 tau_y a^2 of the smaller grain; ten times that between dry grains, whose solves are exact.
+# In mortar the solves before the last leave a part of each velocity, and a large r makes large forces of it
 YIELD_STIFFNESS, DRY_STIFFNESS = 200.0, 10.0
 # overlap over l0 that stays, and part of a larger one that each grain takes back in a step
 MAX_OVERLAP, BACK = 0.01, 0.1
@@ -175,7 +175,7 @@ class Contacts(Term):
         a, d = ti.min(self.rigid.radius[g], self.rigid.radius[h]), ti.static(self.dimension)
         drag = 6.0 * np.pi * self.constants.eta[0] * (a if d == 3 else 1.0)
         held = YIELD_STIFFNESS * self.constants.tau_y[0] * (a * a if d == 3 else a)
-        return ti.select(self.rigid.in_mortar[g] + self.rigid.in_mortar[h] == 0, DRY_STIFFNESS, 1.0) * (
+        return ti.select(self.rigid.wet_members[g] + self.rigid.wet_members[h] == 0, DRY_STIFFNESS, 1.0) * (
             ti.min(self.rigid.mass[g], self.rigid.mass[h]) / self.step[None] + drag + held
         )
 

@@ -43,8 +43,8 @@ class Rigid(Term):
         self.count, self.members = len(radii), int((number > 0).sum())
         self.yields = problem.law == "yield-stress"
         self.begin, self.grain_of = ti.field(ti.i32, self.count + 1), ti.field(ti.i32, self.members)
-        # behind the last member of each grain, its first if it is yet to enter; and how many members see mortar
-        self.end, self.in_mortar = ti.field(ti.i32, self.count), ti.field(ti.i32, self.count)
+        # behind the last member of each grain, its first if it is yet to enter; number of those that see mortar
+        self.end, self.wet_members = ti.field(ti.i32, self.count), ti.field(ti.i32, self.count)
         # of each member, a particle of a grain, and the number of its sphere among those of all grains
         self.row, self.sphere_of = (ti.field(ti.i32, self.members) for _ in range(2))
         spheres = self.count * self.parts
@@ -323,9 +323,9 @@ class Rigid(Term):
                 self.gradient.B[i] *= 0.0
         for g in range(self.count):
             J = ti.Matrix.zero(ti.f64, 3, 3)
-            self.in_mortar[g] = 0
+            self.wet_members[g] = 0
             for m in range(self.begin[g], self.end[g]):
-                self.in_mortar[g] += 1 - self.masked[self.row[m]]
+                self.wet_members[g] += 1 - self.masked[self.row[m]]
                 y = self.arm[m]
                 J += y.dot(y) * ti.Matrix.identity(ti.f64, 3) - y.outer_product(y)
             if self.end[g] > self.begin[g]:  # of another all sums are zero
