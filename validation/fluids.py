@@ -97,8 +97,7 @@ def dam_break_pressure():
 def free_body(name, x, u, spacing, room, density=1000.0, viscosity=1e-6) -> mps.Scene:
     """Particles that move as they were left, without gravity and walls; ``room``: half of the domain's width [m]."""
     material, d = mps.Newtonian(density=density, viscosity=viscosity), x.shape[1]
-    domain = ((-room,) * d, (room,) * d)
-    return mps.Scene(name, material, spacing, x, domain, velocity=u, gravity=(0.0,) * d)
+    return mps.Scene(name, material, spacing, x, ((-room,) * d, (room,) * d), velocity=u, gravity=(0.0,) * d)
 
 
 def spin(x, u) -> float:

@@ -113,8 +113,7 @@ def test_the_speed_of_what_moves(part):
     """Where a tenth of a body moves at 0.3 m/s the reported speed is 0.3 m/s, whatever the size of the part at rest."""
     x = mps.lattice((0.0, 0.0), (1.0, 0.2), 0.02)
     u = np.where(x[:, :1] < part, (0.3, 0.0), (0.0, 0.0))
-    scene = mps.Scene("front", mps.Newtonian(), 0.02, x, ((-1.0, -1.0), (2.0, 2.0)), velocity=u)
-    sim = mps.Simulation(scene)
+    sim = mps.Simulation(mps.Scene("front", mps.Newtonian(), 0.02, x, ((-1.0, -1.0), (2.0, 2.0)), velocity=u))
     sim.neighbors.search()
     sim.scheme.fluid.gradient.build()
     report = sim.scheme.diagnostics.report(0.1, 1)

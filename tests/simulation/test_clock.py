@@ -94,8 +94,7 @@ def test_a_slump_on_another_machine(kernels, monkeypatch, slowness, is_known):
     seconds = {part: slowness * usual[part] for part in PARTS}
     steps = round(cost_of(problem).steps)
     costs = np.full(steps - 1, seconds["flow"] / (steps - 1))
-    imported = slowness * IMPORT if is_known else IMPORT
-    before, told, took = played(monkeypatch, problem, seconds, costs, imported)
+    before, told, took = played(monkeypatch, problem, seconds, costs, IMPORT * (slowness if is_known else 1.0))
     if is_known:
         assert before == pytest.approx(took)
     assert told == pytest.approx(took, rel=0.1 if is_known else 0.3)

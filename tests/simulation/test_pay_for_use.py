@@ -15,8 +15,7 @@ WEST = mps.Plane((0.0, 0.0), (1.0, 0.0))
 
 def simulate(material, walls=(FLOOR,), **keywords):
     x = mps.fill(mps.Box((0.0, 0.0), (0.1, 0.1)), 0.02)
-    scene = mps.Scene("block", material, 0.02, x, ((-0.5, -0.5), (0.5, 0.5)), walls=walls, **keywords)
-    return ran(scene, until=0.05)
+    return ran(mps.Scene("block", material, 0.02, x, ((-0.5, -0.5), (0.5, 0.5)), walls=walls, **keywords), until=0.05)
 
 
 @pytest.fixture

@@ -25,8 +25,9 @@ def dry(shape, places, across=None, velocities=0.0, spin=(0.0, 0.0, 0.0), **more
     numbers = {"gravity": (0.0,) * d, "velocity": u.reshape(-1, d), "until": 10.0} | more
     numbers["grains"] = mps.Grains(diameter=across * L0, centres=centres, shape=shape)
     x = (centres[:, None] + arms).reshape(-1, d)
-    scene = mps.Scene("dry", THIN, L0, x, ((-0.4,) * d, (0.4,) * d), **numbers)
-    return mps.Simulation(scene, mps.Implicit(tolerance=1e-10))
+    return mps.Simulation(
+        mps.Scene("dry", THIN, L0, x, ((-0.4,) * d, (0.4,) * d), **numbers), mps.Implicit(tolerance=1e-10)
+    )
 
 
 @pytest.mark.long

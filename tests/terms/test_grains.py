@@ -21,8 +21,10 @@ def dry(places, across=4, gravity=(0.0, 0.0), walls=(), velocity=None, friction=
     u = None if velocity is None else np.repeat(np.array(velocity, float), len(cells), axis=0)
     centres = np.array([(corner + offset) * L0 for corner in corners])
     grains = mps.Grains(diameter=across * L0, centres=centres, density=STONE, friction=friction)
-    scene = mps.Scene("dry", THIN, L0, x, domain, walls, velocity=u, gravity=gravity, grains=grains, until=10.0)
-    return mps.Simulation(scene, mps.Implicit(tolerance=1e-10, **numerics))
+    return mps.Simulation(
+        mps.Scene("dry", THIN, L0, x, domain, walls, velocity=u, gravity=gravity, grains=grains, until=10.0),
+        mps.Implicit(tolerance=1e-10, **numerics),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +165,17 @@ def test_a_disc_slips_on_a_slope_steeper_than_three_times_its_friction():
     sim, along, across = slope(1.5, 0.4)
     assert sim.grains.velocities[0, 0] == pytest.approx(G * (along - 0.4 * across) * sim.time, rel=1e-3)
     assert -sim.grains.spins[0, 0] * sim.grains.radii[0] == pytest.approx(2.0 * 0.4 * G * across * sim.time, rel=1e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slip", [True, False])
+def test_a_disc_slides_down_an_oblique_plane_without_friction_as_if_alone(slip):
+    """With g sin a and no spin, whether plane or disc is smooth: a contact that sticks for one solve would brake it."""
+    plane = mps.Plane((0.0, 0.0), (-0.6, 0.8), slip=slip)
+    sim = dry([(-0.012, 0.016)], gravity=(0.0, -G), walls=(plane,), friction=0.4 * slip)
+    advance(sim, 0.1)
+    assert sim.grains.velocities[0] @ (-0.8, -0.6) == pytest.approx(0.6 * G * sim.time, rel=1e-3)
+    assert abs(sim.grains.spins[0, 0]) < 1e-6
 
 
 @pytest.mark.slow

@@ -31,8 +31,7 @@ def block(d, material=MIX, **walls):
 
 def momentum(sim):
     """[N s]"""
-    masses = sim.scene.material.density * sim.scene.volumes
-    return masses @ sim.snapshot().u
+    return sim.scene.material.density * sim.scene.volumes @ sim.snapshot().u
 
 
 def gained(sim, of):

@@ -268,7 +268,7 @@ class Contacts(Term):
                 t = trial - force * n
                 size, slips = t.norm(), mu == 0.0 or t.norm() > mu * force
                 # a slip that turns round sticks first: its force would flip from solve to solve
-                turns = slips and self.sticks[c] == 0 and force > 0.0 and t.dot(self.force[c]) < 0.0
+                turns = slips and mu > 0.0 and self.sticks[c] == 0 and force > 0.0 and t.dot(self.force[c]) < 0.0
                 self.sticks[c] = ti.cast(turns or not slips, ti.i32)
                 if slips:  # to the nearest force of the cone
                     force = ti.max(0.0, (force + mu * size) / (1.0 + mu * mu))
