@@ -49,8 +49,9 @@ def run() -> None:
 def calibrated() -> str:
     """Return a table of the verdicts of `taichi-mps calibrate --table`, and write each mix to results/concretes.csv."""
     columns = {"no": "no", "slump [cm]": "slump_cm", "spread [cm]": "flow_cm", "rho [kg/m3]": "density_kg_m3"}
-    rows = [{name: line[column] for name, column in columns.items()} for line in read_reference(MEASURED)]
-    found = measured_mixes.calibrate_list(rows)
+    found = measured_mixes.calibrate_list(
+        [{name: line[column] for name, column in columns.items()} for line in read_reference(MEASURED)]
+    )
     file = points.RESULTS / "concretes.csv"
     measured_mixes.write(found, file)
     file.write_text(f"# {points.stamp()}\n{file.read_text(encoding='utf-8')}", encoding="utf-8")
@@ -94,8 +95,7 @@ def curves() -> dict[str, np.ndarray]:
 def missed(measured, cones) -> np.ndarray:
     """Errors of slump and slump flow [mm] of the cone that fits each measured concrete best, (n, 2)."""
     away = cones.reshape(-1, 2)[None] - measured[:, None]
-    best = ((away / NEAR) ** 2).sum(2).argmin(1)
-    return away[np.arange(len(measured)), best]
+    return away[np.arange(len(measured)), ((away / NEAR) ** 2).sum(2).argmin(1)]
 
 
 def draw() -> None:

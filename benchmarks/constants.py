@@ -58,8 +58,9 @@ def point(name: str = "", file: str = "", factor: float = 1.0, seed: int = 0) ->
     mps.init(threads=1)
     weight = 2300.0 * 9.81 * np.sin(np.radians(25.0)) * 0.1  # of the film, on the slope [Pa]
     cone = mps.slump_cone(model="axisymmetric", yield_value=300.0, plastic_viscosity=50.0)
-    mix = {"yield_value": 0.3 * weight, "plastic_viscosity": 100.0}
-    film = catalogue.build("film", angle=25.0, depth=0.1, spacing=0.01, until=2.0, **mix)
+    film = catalogue.build(
+        "film", angle=25.0, depth=0.1, spacing=0.01, until=2.0, yield_value=0.3 * weight, plastic_viscosity=100.0
+    )
     found = {}
     for scene in (cone, film):
         sim = mps.Simulation(scene, mps.Implicit(**numerics))

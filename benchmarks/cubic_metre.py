@@ -157,8 +157,7 @@ def by_particles(particles, steps, seconds) -> list[list[float]]:
 
 def forecast(case: dict, until: float | None) -> dict:
     """Forecast of the case to its end, or to ``until`` [s]."""
-    part = {} if until is None else {"until": until}
-    problem = problem_of(case, **part)
+    problem = problem_of(case, **({} if until is None else {"until": until}))
     cost = cost_of(problem) if MEASURED.is_file() else None
     told = {"bytes": memory_of(problem, pairs_of(problem.scene), "f32")}
     return told | ({"ends_s": problem.scene.until, "steps": cost.steps, "cpu_s": cost.cpu_seconds} if cost else {})

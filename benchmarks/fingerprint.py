@@ -156,8 +156,7 @@ def box():
     walls = mps.box_planes((0.0, 0.0), (size, size))
     walls = tuple(replace(wall, velocity=(0.5, 0.0)) if wall.normal[1] < 0.0 else wall for wall in walls)
     material = mps.Bingham(density=1000.0, plastic_viscosity=10.0, yield_value=20.0)
-    domain = (-0.1, -0.1), (size + 0.1, size + 0.1)
-    return mps.Scene("box", material, spacing, x, domain, walls=walls, gravity=(0.0, 0.0))
+    return mps.Scene("box", material, spacing, x, ((-0.1,) * 2, (size + 0.1,) * 2), walls=walls, gravity=(0.0, 0.0))
 
 
 OWN = {"friction": friction, "mixes": mixes, "curve": curve, "box": box}
@@ -210,8 +209,9 @@ def of_checkout(checkout: Path, *words: str):
     """Run the file of this name of a checkout, whose public names may be other ones, in a process of its own and read
     the JSON that it prints."""
     words = [sys.executable, checkout / "benchmarks" / Path(__file__).name, *words]
-    place = {**os.environ, "PYTHONPATH": str(checkout)}
-    done = subprocess.run(words, cwd=checkout, env=place, capture_output=True, text=True)
+    done = subprocess.run(
+        words, cwd=checkout, env=os.environ | {"PYTHONPATH": str(checkout)}, capture_output=True, text=True
+    )
     if done.returncode:
         return {"error": done.stderr.strip().splitlines()[-1][:200]}
     return json.loads(done.stdout.strip().splitlines()[-1])

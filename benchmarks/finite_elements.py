@@ -275,8 +275,7 @@ def in_elements(space: Space, logical):
 def cone(count):
     """The surface (k, 2) of the cone, from the plate to the axis."""
     side = np.stack([np.linspace(BASE, TOP, count), np.linspace(0.0, 1.0, count)], -1)
-    top = np.stack([np.linspace(TOP, 0.0, 21)[1:], np.ones(20)], -1)
-    return np.vstack([side, top])
+    return np.vstack([side, np.stack([np.linspace(TOP, 0.0, 21)[1:], np.ones(20)], -1)])
 
 
 def rolls_near(line, k):

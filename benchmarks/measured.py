@@ -25,8 +25,11 @@ KNOWN = measured.tests()
 
 def cases() -> dict[str, dict]:
     """Keywords of the scene dam_break by name, the finest last."""
-    kinds = (WHOLE | KINDS).items()
-    return {f"{measured.named(*key)}, {kind}": measured.keywords(*key, *how) for kind, how in kinds for key in KNOWN}
+    return {
+        f"{measured.named(*key)}, {kind}": measured.keywords(*key, *how)
+        for kind, how in (WHOLE | KINDS).items()
+        for key in KNOWN
+    }
 
 
 def point(**keywords) -> dict:

@@ -35,8 +35,7 @@ def finite_elements(yield_value: float, plastic_viscosity: float) -> tuple[np.nd
     """Times [s], slumps and spreads [m] of the finite elements."""
     if plastic_viscosity == USUAL:
         return inertial(yield_value)
-    mix = {"yield_value_Pa": yield_value, "plastic_viscosity_Pa_s": plastic_viscosity}
-    known = columns("A_fe_inertial_soft.csv", **mix)
+    known = columns("A_fe_inertial_soft.csv", yield_value_Pa=yield_value, plastic_viscosity_Pa_s=plastic_viscosity)
     return known["time_s"], 1e-3 * known["mean20_mm"], 1e-3 * known["spread_mm"]
 
 

@@ -40,8 +40,7 @@ def row(model, diameter, fraction, across, seed) -> dict:
         f"--grains-seed {seed} --spacing {diameter / across:g}mm --until {UNTIL} --every 0.05 --threads 1 --quiet "
         "--no-pictures --overwrite --out"
     )
-    child = subprocess.Popen([sys.executable, *call.split(), folder.path], cwd=points.ROOT)
-    _, status, used = os.wait4(child.pid, 0)
+    _, status, used = os.wait4(subprocess.Popen([sys.executable, *call.split(), folder.path], cwd=points.ROOT).pid, 0)
     assert not status, f"{folder.path.name}: the run has failed"
     summary = folder.read_summary()
     return dict(zip(SETTINGS, (model, diameter, fraction, across, seed), strict=True)) | {

@@ -56,8 +56,10 @@ def all_points() -> dict[str, dict]:
         found += [(5, flow, LITERAL, coarse, 1.0), (5, flow, LITERAL, usual, 1.0)]
         found += [(6, flow, PRACTICE, coarse, 2.0), (7, flow, PRACTICE, coarse, 1.0), (8, flow, PRACTICE, usual, 1.0)]
     found.sort(key=lambda item: item[0])
-    names = ("flow", "scheme", "size", "step")
-    return {"{} {} {:g} x{:g}".format(*item): dict(zip(names, item, strict=True)) for _, *item in found}
+    return {
+        f"{flow} {scheme} {size:g} x{step:g}": {"flow": flow, "scheme": scheme, "size": size, "step": step}
+        for _, flow, scheme, size, step in found
+    }
 
 
 # ---- the flows: scene, what is read of a run and how often [s], and the error by times, values and simulation ------

@@ -46,8 +46,10 @@ def cells() -> dict[str, dict]:
     laws = (LITERAL, PRACTICE, BI_VISCOSITY, BINGHAM)
     plane += [(d, c, 0.3, 1e3, s) for c in COURANT for d in DIFFUSION for s in laws]
     plane += [(d, 0.2, b, r, s) for s, d in YIELDING for b in BINGHAM_NUMBERS for r in ratios(s)]
-    names = ("diffusion", "courant", "bingham", "ratio", "scheme")
-    return {name(*cell): dict(zip(names, cell, strict=True)) for cell in plane}
+    return {
+        name(d, c, b, r, s): {"diffusion": d, "courant": c, "bingham": b, "ratio": r, "scheme": s}
+        for d, c, b, r, s in plane
+    }
 
 
 def ratios(scheme) -> tuple[float, ...]:

@@ -64,9 +64,8 @@ def tables(rows: list[dict]) -> str:
     whole = sum(seconds for _, seconds, _ in last["stages"])
     stages = sorted(last["stages"], key=lambda stage: -stage[1])
     shares = [(name, f"{spent / whole:.1%}", f"{1e3 * spent / calls:.3g}") for name, spent, calls in stages]
-    told = f"{last['particles']:,} particles, one thread, by stage:"
     by_stage = points.table(["stage", "share of the time", "ms a call"], shares)
-    return "\n\n".join([points.table(RUNS, lines), told, by_stage])
+    return f"{points.table(RUNS, lines)}\n\n{last['particles']:,} particles, one thread, by stage:\n\n{by_stage}"
 
 
 def main() -> None:

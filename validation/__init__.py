@@ -57,8 +57,7 @@ class Row:
 
 def lines_of(name: str) -> list[str]:
     """Lines of a reference CSV; those that start with # are comments."""
-    text = (REFERENCE / name).read_text(encoding="utf-8")
-    return [line for line in text.splitlines() if not line.startswith("#")]
+    return [line for line in (REFERENCE / name).read_text("utf-8").splitlines() if not line.startswith("#")]
 
 
 def read_reference(name: str) -> list[dict[str, str]]:

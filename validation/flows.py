@@ -78,8 +78,7 @@ def film_orders(bingham_number):
     tau_y = bingham_number * SLOPE_WEIGHT * DEPTH
     (s, exact), numbers = order_numbers(lambda across: film(across, tau_y), f"film, Bn = {bingham_number:g}")
     top = s.x[:, 1] > (DEPTH - tau_y / SLOPE_WEIGHT if tau_y else DEPTH - s.spacing)
-    what = "plug speed" if tau_y else "speed of the top layer"
-    return [*numbers, plug_number(what, s, top, exact[top].mean())]
+    return [*numbers, plug_number("plug speed" if tau_y else "speed of the top layer", s, top, exact[top].mean())]
 
 
 def film_bi_viscosity():
@@ -172,8 +171,7 @@ def channel(across):
 
 def channel_bingham():
     (s, exact), numbers = order_numbers(lambda across: developed(*channel(across)), "channel, Bn = 0.3")
-    plug = np.abs(s.x[:, 1] - HALF) < 0.3 * HALF
-    return [*numbers, plug_number("plug speed", s, plug, exact.max())]
+    return [*numbers, plug_number("plug speed", s, np.abs(s.x[:, 1] - HALF) < 0.3 * HALF, exact.max())]
 
 
 def couette():

@@ -12,6 +12,8 @@ HELD = 0.143 / 3.0  # tau_y/(drho g d) that holds a sphere (Beris et al. 1985)
 EINSTEIN, PACKED = 2.5, 0.64  # intrinsic viscosity of spheres (Einstein 1906), volume fraction at which they jam
 LIGHT = 20.0  # density [kg/m3] with which a shear is steady after some milliseconds
 NEWTONIAN = mps.Newtonian(viscosity=VISCOSITY, density=LIGHT)
+THIN = mps.Newtonian(viscosity=1e-3, density=1000.0)  # the law where there is no mortar
+LUBE, FLOOR = 1.24, np.pi / 12.0 * SIZE  # run-out over radius and aspect ratio (Lube et al. 2004); mean height [m]
 YIELDING = mps.Bingham(yield_value=100.0, plastic_viscosity=1.0, density=LIGHT)  # all but yield stress at 1/s
 STANDS, CREEP = (
     1e-4,
@@ -86,6 +88,49 @@ def dilute(across):
         relative, volume = thickened(each, 4, 0.03, centres=[(2.0 * SIZE,) * 3])
         found = (relative - 1.0) / volume
         yield Measured(f"intrinsic viscosity {found:.2f}, {each} across, relative", found / EINSTEIN - 1.0, 0.12)
+
+
+def dry_column(wide: int, seeds: int):
+    """Run-out of a column of dry spheres over its radius and aspect ratio: a quarter between planes without friction,
+    placed at random and settled in a tube, which is then drawn up at 2 m/s, on a floor of half spheres. Its height is
+    twice the mean of theirs above the mean floor, the last radius that of the outermost, a mean of six sectors."""
+    spacing, radius, settled = SIZE / 4, wide * SIZE, 0.25
+    x = mps.lattice((0.0, 0.0, 0.5 * SIZE), (radius, radius, 2.0 * radius), spacing)
+    x, end = x[np.hypot(*x[:, :2].T) < radius], 4.0 * radius
+    speeds = ((0.0, 0.0), (settled, 0.0), (settled, 2.0), (settled + 0.12, 2.0), (settled + 0.12, 0.0))
+    walls = (
+        mps.Solid.of(bumps, (-2.0 * SIZE,) * 3, (end + SIZE, end + SIZE, 2.0 * SIZE), 0.5 * spacing),
+        mps.Plane((0.0,) * 3, (1.0, 0.0, 0.0), slip=True),
+        mps.Plane((0.0,) * 3, (0.0, 1.0, 0.0), slip=True),
+        mps.Cylinder((0.0,) * 3, radius, (0.0, 0.0, 1.0), inside=True, velocity=speeds, slip=True, length=3.0 * radius),
+    )
+    domain, found = ((-SIZE,) * 3, (end, end, 2.2 * radius)), []
+
+    def shape(sim):
+        across, up, height = sim.grains.centres.T
+        sector = (np.arctan2(up, across) * 12.0 / np.pi).astype(int)
+        reach = [np.hypot(across, up)[sector == k].max() + 0.5 * SIZE for k in range(6)]
+        return 2.0 * (height.mean() - FLOOR), np.mean(reach)
+
+    for seed in range(1, 1 + seeds):
+        grains = mps.Grains(diameter=SIZE, volume_fraction=0.3, seed=seed)
+        number, centres, *_ = grains.places(x, spacing, domain, (False,) * 3)
+        grains = mps.Grains(diameter=SIZE, centres=centres, friction=0.5)
+        scene = mps.Scene("column", THIN, spacing, x[number > 0], domain, walls, grains=grains)
+        _, times, shapes = record(scene, shape, until=1.2)
+        found.append((shapes[-1, 1] - radius) / np.interp(settled, times, shapes[:, 0]))
+    yield Measured(
+        f"run-out {np.mean(found):.2f} ({min(found):.2f} to {max(found):.2f}) times the aspect ratio, relative",
+        np.mean(found) / LUBE - 1.0,
+        0.15,
+    )
+
+
+def bumps(x):
+    """Distance [m] of points from a floor of half spheres side by side, whose mean height is FLOOR."""
+    return np.minimum(
+        x[:, 2], np.hypot(np.hypot(*((x[:, :2] / SIZE + 0.5) % 1.0 - 0.5).T) * SIZE, x[:, 2]) - 0.5 * SIZE
+    )
 
 
 def suspensions(across, fractions, law=NEWTONIAN, strain=2.0, seeds=5):

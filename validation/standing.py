@@ -111,8 +111,7 @@ def relaxed(body) -> np.ndarray:
         x = (x + moves) % (wide, wide, 1e9)
         x[:, 2] = np.clip(x[:, 2], 0.1, high - 0.1)
     copies = range(int(np.floor(body.bounds[0][0] / SPACING / wide)), int(np.ceil(body.bounds[1][0] / SPACING / wide)))
-    places = [(wide * a, wide * b, 0.0) for a in copies for b in copies]
-    filled = SPACING * np.concatenate([x + place for place in places])
+    filled = SPACING * np.concatenate([x + (wide * a, wide * b, 0.0) for a in copies for b in copies])
     return filled[body.contains(filled)]
 
 

@@ -55,8 +55,7 @@ def result(name: str, error: str | None, numbers=(), series=(), cpu_seconds=0.0,
 
 def run_apart(name: str, scheme: str = "implicit", budget: float | None = None) -> dict:
     """Run a row in a process of its own; a crash is a result with an error, not the end of the table."""
-    call = f"table.run_row({name!r}, {scheme!r}, {budget!r})"
-    code = f"import json; from validation import table; print(json.dumps({call}))"
+    code = f"import json; from validation.table import run_row; print(json.dumps(run_row{name, scheme, budget}))"
     done = subprocess.run([sys.executable, "-c", code], cwd=provenance.ROOT, capture_output=True, text=True)
     if done.returncode == 0:
         return json.loads(done.stdout.splitlines()[-1])

@@ -17,8 +17,7 @@ def fitted(places, x, values, spacing):
     a, b = r[..., 0], r[..., 1]
     basis = np.stack([np.ones_like(a), a, b, a**2, a * b, b**2], -1)
     moment = np.einsum("mn,mna,mnb->mab", weight, basis, basis)
-    side = np.einsum("mn,mna,n->ma", weight, basis, values)
-    return np.linalg.solve(moment, side[..., None])[:, 0, 0]
+    return np.linalg.solve(moment, np.einsum("mn,mna,n->ma", weight, basis, values)[..., None])[:, 0, 0]
 
 
 def stream_function(x, u, across):
@@ -68,9 +67,10 @@ def cavity(reynolds, until, good, across=40):
     _, _, profiles = record(scene, read, until / 100, after=0.7 * until)
     error = np.mean(profiles, axis=0) - u[inside]
     lowest = np.argmin(u[inside])
-    rms = float(np.sqrt((error**2).mean()))
     return [
-        Measured("u on the centre line, root mean square, over the lid's speed", rms, 0.02),
+        Measured(
+            "u on the centre line, root mean square, over the lid's speed", float(np.sqrt((error**2).mean())), 0.02
+        ),
         Measured("its lowest, relative error", float(error[lowest] / u[inside][lowest]), good),
     ]
 

@@ -109,8 +109,7 @@ def slump(yield_value: float, spacing: float, *runs: Run, model: str = "full", t
     if to_rest:
         name, title = f"{name}_5s", f"{title}, to 5 s or rest"
     runs = (OURS, *runs) if to_rest else (OURS, LONG_STEPS, *runs)
-    until = 5.0 if to_rest else 1.0
-    return Case(name, title, "slump", spacing, runs, yield_value, model, until, to_rest)
+    return Case(name, title, "slump", spacing, runs, yield_value, model, 5.0 if to_rest else 1.0, to_rest)
 
 
 def lifted(yield_value: float, spacing: float, speed: float | None) -> Case:
