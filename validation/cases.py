@@ -121,7 +121,7 @@ TABLE = [
             CHATEAU, grains.suspensions, {"across": 6, "fractions": (fraction,), "law": grains.YIELDING})
         for fraction in (0.1, 0.2, 0.3)
     ),
-    Row("dry_column", "quarter of a column of dry spheres 4 across, 6 diameters in radius, friction 0.5, to 1.2 s",
+    Row("dry_column", "quarter of a column of dry spheres 4 across, 6 diameters in radius, friction 0.5, to 1 s",
         "Lube et al. (2004): 1.24 times the aspect ratio, below 1.7", grains.dry_column, {"wide": 6, "seeds": 3}),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),

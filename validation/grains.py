@@ -117,7 +117,7 @@ def dry_column(wide: int, seeds: int):
         number, centres, *_ = grains.places(x, spacing, domain, (False,) * 3)
         grains = mps.Grains(diameter=SIZE, centres=centres, friction=0.5)
         scene = mps.Scene("column", THIN, spacing, x[number > 0], domain, walls, grains=grains)
-        _, times, shapes = record(scene, shape, until=1.2)
+        _, times, shapes = record(scene, shape, until=1.0)
         found.append((shapes[-1, 1] - radius) / np.interp(settled, times, shapes[:, 0]))
     yield Measured(
         f"run-out {np.mean(found):.2f} ({min(found):.2f} to {max(found):.2f}) times the aspect ratio, relative",
