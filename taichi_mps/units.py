@@ -513,8 +513,12 @@ def checked(function: Callable[..., T]) -> Callable[..., T]:
             vars(parameters).update({key: dict(made).get(key, others.get(key)) for key in own})
         return parameters
 
-    check = {"complete": model_validator(mode="after")(complete)}
-    model = create_model(function.__name__, __base__=Checked, __validators__=check, **fields)
+    model = create_model(
+        function.__name__,
+        __base__=Checked,
+        __validators__={"complete": model_validator(mode="after")(complete)},
+        **fields,
+    )
 
     def at(parameters, **made):
         keywords = {name: getattr(parameters, name) for name in arguments if name not in records} | made

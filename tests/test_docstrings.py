@@ -100,6 +100,7 @@ def test_examples_run(module):
 @pytest.mark.parametrize("module", sorted(COMPILING))
 def test_examples_that_compile_kernels_run(module):
     """Each example runs in its own process, since it starts Taichi."""
-    script = f"import doctest, taichi_mps.{module} as m; print(doctest.testmod(m, optionflags=doctest.ELLIPSIS))"
-    result = child("-c", script)
+    result = child(
+        "-c", f"import doctest, taichi_mps.{module} as m; print(doctest.testmod(m, optionflags=doctest.ELLIPSIS))"
+    )
     assert re.search(r"failed=0, attempted=[1-9]", result.stdout), result.stdout + result.stderr

@@ -87,8 +87,14 @@ def end_of(summary: dict) -> str:
 
 def written_at(folder: RunFolder) -> int:
     """Time at which a run was last written [ns]."""
-    paths = folder.summary, folder.history, folder.path / MARKER_FILE
-    return next((path.stat().st_mtime_ns for path in paths if path.exists()), 0)
+    return next(
+        (
+            path.stat().st_mtime_ns
+            for path in (folder.summary, folder.history, folder.path / MARKER_FILE)
+            if path.exists()
+        ),
+        0,
+    )
 
 
 def row(folder: RunFolder) -> dict:

@@ -129,8 +129,9 @@ def routes(page: Page) -> list[Route]:
         return file_of(page.queue.folder, run_of(request), request.path_params["file"])
 
     async def report(request: Request):
-        shown = file_of(page.queue.folder, run_of(request), REPORT)
-        return FileResponse(shown.path, headers={"Content-Security-Policy": REPORT_POLICY})
+        return FileResponse(
+            file_of(page.queue.folder, run_of(request), REPORT).path, headers={"Content-Security-Policy": REPORT_POLICY}
+        )
 
     async def answer(request: Request):
         what = request.path_params["what"]

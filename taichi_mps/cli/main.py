@@ -193,8 +193,16 @@ def resume(arguments) -> int:
             folder.mark()
         if remark:
             os.replace(checkpoint.previous(newest), newest)  # so that the next one does not replace the good one
-        source = catalogue.source(arguments.scene or state.header["source"])
-        return carry_out(sim, folder, options, source, arguments.json, clock, drawing, resumed=kept)
+        return carry_out(
+            sim,
+            folder,
+            options,
+            catalogue.source(arguments.scene or state.header["source"]),
+            arguments.json,
+            clock,
+            drawing,
+            resumed=kept,
+        )
 
 
 @command(

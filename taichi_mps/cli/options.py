@@ -223,8 +223,9 @@ class Parser(argparse.ArgumentParser):
             unit = unit_of(field).replace("-", "N").replace(" ", ".")
             number = {"metavar": "|".join(filter(None, (unit, *choices(field)))) or "X"}
             settings = switch if field.annotation is bool else number
-            group = self.groups[title or group_of(name, model)]
-            group.add_argument(*dict.fromkeys(flags), dest=name, help=text, **settings)
+            self.groups[title or group_of(name, model)].add_argument(
+                *dict.fromkeys(flags), dest=name, help=text, **settings
+            )
 
     def parse(self, argv):
         """Parse a command line; an unknown option is refused with the nearest known one."""

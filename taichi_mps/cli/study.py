@@ -230,8 +230,13 @@ def require_command(argv) -> int:
         varied_parameters(cases(arguments.scene, plastic_viscosity=wanted.plastic_viscosity), function)
     require_bingham(catalogue.build(arguments.scene, **parameters), parameters)
     like = cases(arguments.scene, until=wanted.time, plastic_viscosity=wanted.plastic_viscosity, **parameters)
-    runs = runs_to_expect(wanted, len(like))
-    watch = watching(["yield_value", "plastic_viscosity"], options.quiet or arguments.json, options, like, runs)
+    watch = watching(
+        ["yield_value", "plastic_viscosity"],
+        options.quiet or arguments.json,
+        options,
+        like,
+        runs_to_expect(wanted, len(like)),
+    )
     borders, rows = find_borders(
         arguments.scene, wanted, folder, options.executor, options.workers, watch, **parameters
     )

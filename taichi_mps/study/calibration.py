@@ -119,8 +119,10 @@ class FittedConstants:
 
     def facts(self) -> dict:
         """Return all results, JSON-ready."""
-        constants = {name: asdict(it) | {"determined": it.determined} for name, it in self.constants.items()}
-        return vars(self) | {"constants": constants, "told": str(self)}
+        return vars(self) | {
+            "constants": {name: asdict(it) | {"determined": it.determined} for name, it in self.constants.items()},
+            "told": str(self),
+        }
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -100,8 +100,9 @@ def run_case(case: Case, samples: int = 0) -> dict:
             if sim.scene.over_time:
                 sim.each_step(note)
             if samples:
-                interval = sim.scene.until / samples
-                sim.every(interval, lambda frame: frames.append({"time_s": frame.time} | frame.measures()))
+                sim.every(
+                    sim.scene.until / samples, lambda frame: frames.append({"time_s": frame.time} | frame.measures())
+                )
             sim.run()
             summary, measures = summary_of(sim), sim.measures()
             if sim.scene.over_time:
@@ -109,8 +110,9 @@ def run_case(case: Case, samples: int = 0) -> dict:
                 columns = {name: np.array([step.get(name, np.nan) for step in history]) for name in history[-1]}
                 measures |= sim.scene.over_time(columns)
         except Exception as error:  # a study goes on, whatever a case does
-            status = LOST if isinstance(error, MemoryError | OSError) else "failed"
-            return row_without_result(case, status, f"{type(error).__name__}: {error}")
+            return row_without_result(
+                case, LOST if isinstance(error, MemoryError | OSError) else "failed", f"{type(error).__name__}: {error}"
+            )
     row = row_without_result(case, "done", "; ".join(str(warning.message) for warning in caught))
     filling = {name: summary[name] for name in ("filled_ratio", "void_m3") if name in summary}
     row |= {name: strict(float(value)) for name, value in (measures | filling).items()}

@@ -48,8 +48,9 @@ def emulator_of(table: Place | None = None, test: Literal["slump", "mini_cone", 
     changes."""
     path = user_path(table) if table else TABLES / f"{test}.csv"
     file = path / "results.csv" if path.is_dir() else path
-    constants = FRICTIONAL if test == FRICTION_TABLE else BINGHAM
-    return _emulator(path, constants, file.stat().st_mtime_ns if file.is_file() else 0)
+    return _emulator(
+        path, FRICTIONAL if test == FRICTION_TABLE else BINGHAM, file.stat().st_mtime_ns if file.is_file() else 0
+    )
 
 
 @lru_cache(maxsize=8)

@@ -84,8 +84,9 @@ class Tables:
     def residuals(self, axes) -> np.ndarray:
         """Return the residuals over the errors of the mixes of a grid, (measurements, ...); FAILED_RESIDUAL for nan."""
         model, pairs = self.model(axes), self.measured.items()
-        residuals = [deviation(name, model[name], value) / self.errors[name] for name, (value, _) in pairs]
-        return np.nan_to_num(residuals, nan=FAILED_RESIDUAL)
+        return np.nan_to_num(
+            [deviation(name, model[name], value) / self.errors[name] for name, (value, _) in pairs], nan=FAILED_RESIDUAL
+        )
 
     def search(self):
         """Yield grids, the axes, chi squared and the best mix of each: over all mixes, then around those of the grid

@@ -135,8 +135,7 @@ def measures_of(scene) -> list[str]:
     """Return the names of a scene's measures known before a run; all of RESULTS where there are none."""
     found = scene.measure(scene.unfold(still(scene.initial, scene.spacing))) if scene.measure else {}
     history = {"time_s": np.arange(100.0)} | {name: np.full(100, value) for name, value in found.items()}
-    later = scene.over_time(history) if found and scene.over_time else {}
-    return [*found, *later] or list(RESULTS)
+    return [*found, *(scene.over_time(history) if found and scene.over_time else {})] or list(RESULTS)
 
 
 # ---- result of a fit --------------------------------------------------------------------------------------------

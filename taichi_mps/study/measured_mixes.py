@@ -177,8 +177,12 @@ def calibrate_row(row: dict[str, str], study=None) -> dict:
         return {**row, "verdict": REFUSED, "reason": " ".join(str(error).split())}
     if has_zero_slump(measured):
         bound = found.yield_value.lower
-        reason = f"it stands: its yield stress is more than {rounded(bound)} Pa"
-        return {**row, "yield_value_lower": bound, "verdict": BOUNDED, "reason": reason}
+        return {
+            **row,
+            "yield_value_lower": bound,
+            "verdict": BOUNDED,
+            "reason": f"it stands: its yield stress is more than {rounded(bound)} Pa",
+        }
     return {**row, **columns_of(found), **verdict_of(found)}
 
 

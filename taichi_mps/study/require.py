@@ -98,8 +98,10 @@ def bracket(mixes: dict, eta: float, low: float, high: float) -> tuple[float | N
     """
     full = max((tau_y for (tau_y, each), fills in mixes.items() if fills and each >= eta), default=None)
     least = min((tau_y for (tau_y, each), fills in mixes.items() if not fills and each <= eta), default=math.inf)
-    candidates = {low, high, *(tau_y for tau_y, _ in mixes)}
-    return full, min((tau_y for tau_y in candidates if tau_y >= least and tau_y > (full or 0.0)), default=None)
+    return full, min(
+        (tau_y for tau_y in {low, high, *(tau_y for tau_y, _ in mixes)} if tau_y >= least and tau_y > (full or 0.0)),
+        default=None,
+    )
 
 
 def next_mixes(mixes: dict, viscosities, low: float, high: float, within: float) -> list[tuple[float, float]]:

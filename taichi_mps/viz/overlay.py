@@ -69,8 +69,9 @@ class Overlay:
             for k, p in zip(ticks[seen].astype(int), at[seen, :2], strict=True):
                 self.pen.line([tuple(p), tuple(p + (5 if k % 2 else 9) * side)], fill=FAINT, width=width)
                 if k % 2 == 0:
-                    label = f"{100 * tick * k:.4g}" + " cm" * int(k > ticks[-1] - 2)
-                    self.write(p + 14 * side, label, 15, FAINT, anchor)
+                    self.write(
+                        p + 14 * side, f"{100 * tick * k:.4g}" + " cm" * int(k > ticks[-1] - 2), 15, FAINT, anchor
+                    )
 
     def dimensions(self, found) -> None:
         """Draw dimensions from ``view_volume.dimensions`` as arrows with text; horizontal ones below the body, joined
@@ -121,8 +122,9 @@ def with_film_speed(image, every, fps):
     between two images [s], without which the image stays as it is; ``fps``: images per second."""
     if every:
         at = 0.98 * image.width, 0.97 * image.height
-        size = max(12, image.height / 26)
-        ImageDraw.Draw(image).text(at, speed_in_words(every * fps), fill=INK, font=font(size), anchor="rs")
+        ImageDraw.Draw(image).text(
+            at, speed_in_words(every * fps), fill=INK, font=font(max(12, image.height / 26)), anchor="rs"
+        )
     return image
 
 

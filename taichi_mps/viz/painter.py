@@ -50,8 +50,7 @@ class Camera:
         ]
         z = min((low - high) / room for high, low, room in bounds)  # nearest at which both directions fit
         x = 0.5 * (bounds[0][0] + bounds[0][1] + (right + left) * z)
-        y = 0.5 * (bounds[1][0] + bounds[1][1] - (bottom + top) * z)
-        self.eye = np.array([x, y, z]) @ self.axes
+        self.eye = np.array([x, (0.5 * (bounds[1][0] + bounds[1][1] - (bottom + top) * z)), z]) @ self.axes
         self.middle = np.mean([np.min(points, 0), np.max(points, 0)], 0)
 
     def camera_coordinates(self, points):

@@ -344,8 +344,10 @@ def png(folder: Place, view: View = "concrete", **options: Any) -> Callable[[Any
             with writing("folder", folder):
                 folder.mkdir(parents=True, exist_ok=True)
             renderer = Renderer(sim.scene, view=view, **options)
-        name = f"{'frame' if view == 'concrete' else view}_{count:05d}.png"
-        save(renderer.draw(sim.snapshot(), sim.measures()), folder / name)
+        save(
+            renderer.draw(sim.snapshot(), sim.measures()),
+            folder / (f"{'frame' if view == 'concrete' else view}_{count:05d}.png"),
+        )
         count += 1
 
     return write

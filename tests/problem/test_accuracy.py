@@ -154,8 +154,7 @@ def test_the_scene_is_made_as_chosen_and_says_so(recwarn):
 
 @pytest.mark.parametrize("change", [{}, {"lift_speed": 0.1}, {"model": "full", "lift_speed": 0.1}], ids=str)
 def test_a_run_expects_no_more_than_its_choice_promised(change):
-    scene = mps.slump_cone(accuracy=0.006, yield_value=500.0, **change)
-    _, height, error = accuracy.errors_of_run(facts_of(scene))
+    _, height, error = accuracy.errors_of_run(facts_of(mps.slump_cone(accuracy=0.006, yield_value=500.0, **change)))
     assert height * error.error <= 0.006
 
 

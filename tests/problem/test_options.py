@@ -98,8 +98,9 @@ def test_every_scene_takes_every_number_of_the_mix(name, law):
 @pytest.mark.parametrize("name", ["slump", "film", "mini_cone", "l_flow"])
 def test_a_rational_critical_strain_rate_is_that_for_the_time_of_the_scene(name):
     """The rational critical strain rate of 400 Pa and 20 Pa s is min(0.01 tau_y/(2 eta), 0.01/T) = 0.01/4."""
-    mix = {"yield_value": 400.0, "plastic_viscosity": 20.0}
-    scene = mps.catalogue.build(name, **mix, critical_strain_rate="rational", until=4.0)
+    scene = mps.catalogue.build(
+        name, yield_value=400.0, plastic_viscosity=20.0, critical_strain_rate="rational", until=4.0
+    )
     assert scene.material.critical_strain_rate == pytest.approx(0.0025, rel=1e-12)
     assert scene.parameters["critical_strain_rate"] == "rational"
 

@@ -34,8 +34,7 @@ def layer(length=2.4, height=0.1, inlets=(), until=2.0, sides=True, material=MIX
 
 def weight(at, start, until=2.0):
     """The layer, onto which concrete falls at a place from 0.25 m, from a time on."""
-    inlet = mps.Inlet((at, 0.35), (0.0, -1.0), 0.06, 0.06, 0.012, start=start)
-    return layer(inlets=[inlet], until=until)
+    return layer(inlets=[mps.Inlet((at, 0.35), (0.0, -1.0), 0.06, 0.06, 0.012, start=start)], until=until)
 
 
 def in_use(sim):

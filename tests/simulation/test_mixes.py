@@ -28,8 +28,7 @@ def exact(y, force, lower, upper):
 def rate_of(mix, tau):
     """Shear rate [1/s] of a mix at a shear stress [Pa]."""
     index = getattr(mix, "flow_index", 1.0)
-    viscous = getattr(mix, mix.viscous[0])
-    return (np.maximum(0.0, tau - mix.yield_value) / viscous) ** (1.0 / index)
+    return (np.maximum(0.0, tau - mix.yield_value) / getattr(mix, mix.viscous[0])) ** (1.0 / index)
 
 
 STIFF, THIN = mps.Newtonian(2300.0, 200.0), mps.Newtonian(2300.0, 20.0)

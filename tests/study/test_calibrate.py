@@ -38,8 +38,7 @@ def measures(names, **mix):
 
 def cone(yield_value, friction_angle, plastic_viscosity=50.0, names=CONE):
     """Slump and slump flow, or other measurements, of a mix with internal friction."""
-    constants = {"friction_angle": friction_angle, "plastic_viscosity": plastic_viscosity}
-    return measures(names, yield_value=yield_value, **constants)
+    return measures(names, yield_value=yield_value, friction_angle=friction_angle, plastic_viscosity=plastic_viscosity)
 
 
 def holds(constant, true):

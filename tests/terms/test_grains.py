@@ -208,14 +208,14 @@ def test_a_contact_that_finds_no_room_in_the_list_of_its_grain_ends_the_run(monk
         sim.step()
 
 
-def pool(material, extra, centres=((0.1, 0.08), (0.05, 0.1)), across=4, **more):
-    """Discs at the centres [m] in a pool 0.2 m wide and 0.16 m deep, heavier than it by ``extra`` [kg/m3]."""
-    x = mps.lattice((0.0, 0.0), (0.2, 0.16), L0)
+def pool(material, extra, centres=((0.1, 0.08), (0.05, 0.1)), across=4, depth=0.16, **more):
+    """Discs at the centres [m] in a pool 0.2 m wide, heavier than it by ``extra`` [kg/m3]."""
+    x = mps.lattice((0.0, 0.0), (0.2, depth), L0)
     walls = tuple(
         mps.Plane(*p) for p in (((0.0, 0.0), (0.0, 1.0)), ((0.0, 0.0), (1.0, 0.0)), ((0.2, 0.0), (-1.0, 0.0)))
     )
     grains = mps.Grains(diameter=across * L0, centres=centres, density=material.density + extra)
-    domain = (-0.05, -0.05), (0.25, 0.3)
+    domain = (-0.05, -0.05), (0.25, depth + 0.14)
     return mps.Simulation(mps.Scene("pool", material, L0, x, domain, walls, grains=grains, until=10.0, **more))
 
 
@@ -257,6 +257,17 @@ def test_floor_and_sides_bear_the_weight_of_a_pool_with_a_disc_on_its_floor():
     borne = sum(load for name, load in sim.measures().items() if name.startswith("force") and "_z_" in name)
     assert -borne == pytest.approx(2000.0 * G * 0.2 * 0.16 + more, rel=5e-3)
     assert sim.scheme.contacts.force[0][1] > 0.0
+
+
+@pytest.mark.slow
+def test_a_disc_sinks_in_a_deep_pool_as_fast_as_in_a_shallow_one_and_goes_on():
+    """Under 8 and 52 cm: a pressure that grows with the depth would lock it in the lattice of the mortar."""
+    pools = [pool(NEWTONIAN, 300.0, [(0.1, 0.12)], depth=depth) for depth in (0.2, 0.64)]
+    for sim in pools:
+        advance(sim, 1.0)
+    shallow, deep = (0.125 - sim.grains.centres[0, 1] for sim in pools)
+    assert deep == pytest.approx(shallow, rel=0.03) and deep > 1.5 * L0
+    assert pools[1].grains.velocities[0, 1] == pytest.approx(-deep, rel=0.25), "of 1 s"
 
 
 @pytest.mark.long

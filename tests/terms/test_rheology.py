@@ -121,8 +121,7 @@ def test_rational_critical_strain_rate_keeps_its_promise_and_wastes_nothing(tau_
     """Films of every wall stress are displaced by at most ``error`` of their depth, and the knee stress is at most
     ``error`` too high; one of the two bounds is nearly reached."""
     pi_c = mps.rational_critical_strain_rate(plastic_viscosity=eta, yield_value=tau_y, time=time, error=error)
-    concrete = mps.Bingham(plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=pi_c)
-    knee = concrete.knee_stress / tau_y - 1.0
+    knee = mps.Bingham(plastic_viscosity=eta, yield_value=tau_y, critical_strain_rate=pi_c).knee_stress / tau_y - 1.0
     films = [
         film_errors(s * tau_y, eta, tau_y, pi_c)[0] for s in (0.1, 0.5, 0.9, 1.0, 1.0 + 0.5 * knee, 1.1, 2.0, 10.0)
     ]

@@ -107,8 +107,9 @@ class Cavity:
         """True where a cell is part of the cavity, shape (nx, ..., nz)."""
         axes = map(self.middles, range(len(self.shape)))
         x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(self.shape))
-        room = np.all([wall.distance(x) > 0.0 for wall in self.walls], axis=0)
-        return np.broadcast_to(room, len(x)).reshape(self.shape)
+        return np.broadcast_to(np.all([wall.distance(x) > 0.0 for wall in self.walls], axis=0), len(x)).reshape(
+            self.shape
+        )
 
     @validated
     def filled(self, s: InstanceOf[HasPositions]) -> np.ndarray:

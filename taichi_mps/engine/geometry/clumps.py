@@ -67,5 +67,8 @@ def orientations(d: int, seed: int) -> list[np.ndarray]:
         return [np.array([[z.real, -z.imag], [z.imag, z.real]]) for z in turns]
     start, upper = np.linalg.qr(random.normal(size=(3, 3)))
     start *= np.sign(np.diag(upper)) * np.linalg.det(start) * np.sign(np.diag(upper)).prod()
-    signs = (1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)
-    return [np.roll(np.eye(3), k, 0) * sign @ start for k in range(3) for sign in signs]
+    return [
+        np.roll(np.eye(3), k, 0) * sign @ start
+        for k in range(3)
+        for sign in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
+    ]

@@ -67,8 +67,7 @@ def read_stl(data):
     bad = "damaged or another format: it holds"
     require(count <= MAX_BYTES / FACET, f"{bad} no facets")
     require(facets and whole == count, f"{bad} {whole} of {count} triangles")
-    corners = re.findall(rb"\bvertex\s+(\S+\s+\S+\s+\S+)", text, re.I)
-    return np.fromstring(b" ".join(corners), sep=" ").reshape(-1, 3, 3)
+    return np.fromstring(b" ".join(re.findall(rb"\bvertex\s+(\S+\s+\S+\s+\S+)", text, re.I)), sep=" ").reshape(-1, 3, 3)
 
 
 def read_obj(data):

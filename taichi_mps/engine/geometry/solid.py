@@ -475,8 +475,7 @@ class Solid(Moving):
     @property
     def corners(self) -> np.ndarray:
         """Corners of the grid [m], shape (2^d, d)."""
-        ends = zip(self.low, self.high, strict=True)
-        return np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, len(self.low))
+        return np.stack(np.meshgrid(*np.stack([self.low, self.high], 1), indexing="ij"), -1).reshape(-1, len(self.low))
 
     @cached_property
     def speed(self) -> float:

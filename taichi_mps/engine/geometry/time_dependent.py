@@ -70,8 +70,11 @@ class Moving:
     @cached_property
     def in_time(self) -> TimeDependent | None:
         """Velocity as a function of time, of ``components`` components; None if it is constant."""
-        changes = np.ndim(self.velocity) == 2
-        return TimeDependent(self.velocity, "velocity of a wall", "m/s", self.components) if changes else None
+        return (
+            TimeDependent(self.velocity, "velocity of a wall", "m/s", self.components)
+            if (np.ndim(self.velocity) == 2)
+            else None
+        )
 
     @property
     def components(self) -> int:

@@ -313,8 +313,12 @@ class Cylinder(Moving):
     @cached_property
     def speed(self) -> float:
         """Largest speed of the wall [m/s]."""
-        largest = self.radius + max(0.0, self.slope * (self.length or 0.0))
-        return float(np.hypot(self.angular_velocity * largest, np.linalg.norm(self.fastest)))
+        return float(
+            np.hypot(
+                self.angular_velocity * (self.radius + max(0.0, self.slope * (self.length or 0.0))),
+                np.linalg.norm(self.fastest),
+            )
+        )
 
     @property
     def travel(self) -> np.ndarray:

@@ -130,8 +130,9 @@ def particles_are_apart(problem):
         f"wall_particles: some lie outside of domain = {scene.domain} m; the domain must hold all of them",
     )
     # the ends of a periodic axis are the same place
-    images = np.where(scene.periodic, low + np.mod(x - low, high - low), x)
-    doubles = len(x) - len(count_in_cells(images, 1e-3 * scene.spacing)[1])
+    doubles = len(x) - len(
+        count_in_cells(np.where(scene.periodic, low + np.mod(x - low, high - low), x), 1e-3 * scene.spacing)[1]
+    )
     require(doubles == 0, f"particles: {doubles} of {len(x)} lie on others; all must be apart")
 
 

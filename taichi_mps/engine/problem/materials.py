@@ -158,8 +158,11 @@ class Material(Checked):
             The law by its name, numbers in SI units, functions by their names.
         """
         values = {name: getattr(self, name) for name in type(self).model_fields}
-        named = {name: getattr(value, "__qualname__", str(value)) for name, value in values.items() if callable(value)}
-        return {"law": type(self).__name__} | values | named
+        return (
+            {"law": type(self).__name__}
+            | values
+            | {name: getattr(value, "__qualname__", str(value)) for name, value in values.items() if callable(value)}
+        )
 
 
 class Bingham(Material):

@@ -566,8 +566,7 @@ def spread(s: InstanceOf[Snapshot]) -> float:
     np.maximum.at(outermost, quarter * sectors + sector, r + 0.5 * s.size)
     outermost = outermost.reshape(-1, sectors)
     layers = np.max([outermost[k : len(outermost) - 3 + k] for k in range(4)], axis=0)
-    widest = (layers.sum(1) / np.maximum(1, (layers > 0.0).sum(1))).max()
-    return float(2.0 * widest)
+    return float(2.0 * (layers.sum(1) / np.maximum(1, (layers > 0.0).sum(1))).max())
 
 
 @validated

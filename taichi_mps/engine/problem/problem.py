@@ -123,8 +123,7 @@ class Problem:
         """Largest expected height of the fluid [m], along the axis nearest to gravity, of equal ones the last."""
         scene = self.scene.expected  # weight along a periodic axis presses on nothing
         weight = np.abs(scene.gravity_vector) * ~np.array(scene.periodic)
-        axis = -1 - int(weight[::-1].argmax())
-        return float(np.ptp(scene.fluid[:, axis])) + scene.spacing
+        return float(np.ptp(scene.fluid[:, -1 - int(weight[::-1].argmax())])) + scene.spacing
 
     @cached_property
     def frame(self) -> np.ndarray:
@@ -156,8 +155,9 @@ class Problem:
         """Largest prescribed speed, of the fluid at 0 s, of a wall or of a jolt, in the ``frame`` [m/s]."""
         velocity = self.scene.expected.velocity
         moved = np.atleast_2d(-self.frame if velocity is None else velocity - self.frame)
-        jolted = self.scene.jolted(self.scene.expected.fluid)
-        return max(float((moved**2).sum(1).max() ** 0.5), self.wall_speed_at(0.0), jolted)
+        return max(
+            float((moved**2).sum(1).max() ** 0.5), self.wall_speed_at(0.0), self.scene.jolted(self.scene.expected.fluid)
+        )
 
     @cached_property
     def gravity(self) -> float:
@@ -177,11 +177,14 @@ class Problem:
         The fall is through the whole domain; infinite where nothing moves the fluid.
         """
         scene = self.scene
-        fall = (2.0 * norm(scene.gravity_vector) * norm(np.subtract(*scene.domain))) ** 0.5
-        thrown = 0.0 if scene.velocity is None else norm(scene.velocity, axis=1).max()
-        jet = max((norm(inlet.fastest(scene.spacing)) for inlet in scene.inlets), default=0.0)
-        walls = max((wall.speed for wall in scene.walls), default=0.0)
-        return float(fall + walls + thrown + jet + scene.jolted(scene.initial)) or np.inf
+        speeds = [
+            (2.0 * norm(scene.gravity_vector) * norm(np.subtract(*scene.domain))) ** 0.5,
+            max((wall.speed for wall in scene.walls), default=0.0),
+            0.0 if scene.velocity is None else norm(scene.velocity, axis=1).max(),
+            max((norm(inlet.fastest(scene.spacing)) for inlet in scene.inlets), default=0.0),
+            scene.jolted(scene.initial),
+        ]
+        return float(sum(speeds)) or np.inf
 
     @cached_property
     def runaway_speed(self) -> float:

@@ -418,8 +418,13 @@ class Scene:
         float
             Speed [m/s], 0 without jolts.
         """
-        jolts = self.jolts if time is None else self.jolts_at(time)
-        return max((float(np.linalg.norm(jolt.jump(x), axis=1).max()) for jolt in jolts), default=0.0)
+        return max(
+            (
+                float(np.linalg.norm(jolt.jump(x), axis=1).max())
+                for jolt in (self.jolts if time is None else self.jolts_at(time))
+            ),
+            default=0.0,
+        )
 
     @cached_property
     def last_change(self) -> float:

@@ -85,7 +85,10 @@ class Constants:
         changing = bool(scene.gravity_in_time or scene.jolts)
         # along a periodic axis nothing holds a weight
         unsupported = np.any((changing | (scene.gravity_vector != 0.0)) & np.array(scene.periodic))
-        self.walls_may_bear_weight = may_be_full and not unsupported  # of all of the fluid
+        self.may_be_full, self.has_level = may_be_full, bool(grains) and not self.twists
+        # whether a hydrostatic pressure stands beside p
+        self.holds, self.spacing = (may_be_full or self.has_level) and not unsupported, scene.spacing
+        self.level = ti.field(ti.f64, ())  # where along gravity it is zero [m]
         self.middle = scene.expected.fluid.mean(0).tolist()  # of the fluid [m]
         # by the number of a mix: numbers that its compiled flow curve reads
         self.laws = {
@@ -188,19 +191,29 @@ class Constants:
         return density
 
     @ti.func
-    def density_held_by_walls(self):
-        """Density whose weight the walls of a full closed box hold, whatever flows in it: that of the first mix; 0
-        elsewhere [kg/m3]."""
-        if ti.static(self.walls_may_bear_weight):
-            return self.density[0] * self.full[None]
-        else:
-            return ti.cast(0.0, float)
+    def along_gravity(self, x):
+        """Coordinate of x along gravity [m]."""
+        return self.gravity[None].dot(x) / ti.max(self.gravity[None].norm(), 1e-30)
+
+    @ti.func
+    def depth(self, i):
+        """Depth of particle i below the ``level``, over the spacing [-]."""
+        return (self.along_gravity(self.particles.x[i]) - self.level[None]) / self.spacing
+
+    @ti.func
+    def density_held(self, i):
+        """Density whose weight the hydrostatic pressure beside p holds at particle i, whatever flows: that of the first
+        mix in a full closed box, and below the ``level``, in full from a spacing below on; 0 elsewhere [kg/m3]."""
+        density = ti.cast(0.0, float)
+        if ti.static(self.holds):
+            density = self.density[0] * ti.cast(ti.max(self.full[None], ti.min(1.0, self.depth(i))), float)
+        return density
 
     @ti.func
     def head_density(self, i):
         """Density whose weight the pressure around particle i balances, that of the mortar where there are grains, less
-        what a mean pressure gradient or the walls of a full closed box hold [kg/m3]."""
-        return self.density[self.mix(i)] - (ti.cast(self.held_density, float) + self.density_held_by_walls())
+        what a mean pressure gradient or a hydrostatic pressure beside p holds [kg/m3]."""
+        return self.density[self.mix(i)] - (ti.cast(self.held_density, float) + self.density_held(i))
 
     @ti.func
     def gravity_at(self, i):
@@ -212,9 +225,9 @@ class Constants:
 
     @ti.func
     def weight_of(self, i):
-        """Weight of particle i by its volume, less what a mean pressure gradient or the walls of a full closed box hold
+        """Weight of particle i by its volume, less what a mean pressure gradient or a hydrostatic pressure holds
         [N/m3]."""
-        density = self.density_of(i) - (ti.cast(self.held_density, float) + self.density_held_by_walls())
+        density = self.density_of(i) - (ti.cast(self.held_density, float) + self.density_held(i))
         return density * ti.cast(self.gravity_at(i), float)
 
     @ti.func

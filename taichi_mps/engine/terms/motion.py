@@ -39,7 +39,7 @@ class Motion(Term):
                 half = 0.5 * u[i]
                 if (
                     first != 0
-                    and self.constants.density_held_by_walls() == 0.0
+                    and self.constants.density_held(i) == 0.0
                     and (u[i] - self.particles.u[i]).norm()
                     < 0.5 * ti.cast(self.constants.gravity_at(i), float).norm() * dt
                 ):

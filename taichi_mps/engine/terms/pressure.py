@@ -20,6 +20,7 @@ MIN_PACKING_ERROR, MIN_PACKING_ERROR_CLOSED_BOX = -0.03, -1.0
 # packing that poured material lacks, from which on it is loose; not counted is what a surface misses, over its normal
 LOOSE, MISSING_AT_SURFACE = 0.1, 0.2
 FULL_STRAIN = 0.02  # in a step, from which on packing error and shift act fully
+FAR = 1e9  # level where no hydrostatic pressure stands beside p [m]
 
 
 @ti.data_oriented
@@ -35,6 +36,8 @@ class Pressure(Term):
         self.p = ti.field(real(), self.capacity)  # [Pa]
         self.smoothed_once = ti.field(real(), self.capacity)  # pressure for output after the first smoothing [Pa]
         self.full = constants.full  # 1 in a closed box without a free surface
+        # number of particles that carry stress, that have a gap, that lie at a surface
+        self.rows, self.gaps, self.surface = (ti.field(ti.i32, ()) for _ in range(3))
 
     @ti.func
     def hydrostatic_fraction(self, p):
@@ -45,13 +48,17 @@ class Pressure(Term):
 
     @ti.func
     def hydrostatic(self, i):
-        """Pressure [Pa] that the walls of a full closed box bear at particle i: of the first mix at rest, zero in the
-        middle; 0 where walls hold no weight, and of a particle that carries no stress."""
+        """Pressure [Pa] of the first mix at rest that stands beside p at particle i: in a full closed box, zero in its
+        middle, or below the ``level``; 0 elsewhere, and of a particle that carries no stress."""
         pressure = ti.cast(0.0, float)
-        if ti.static(self.constants.walls_may_bear_weight):
-            height = ti.cast(self.particles.x[i] - ti.Vector(self.constants.middle, ti.f64), float)
-            height *= ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
-            pressure = self.constants.density[0] * ti.cast(self.constants.gravity[None], float).dot(height)
+        if ti.static(self.constants.holds):  # noqa: SIM102  (a compiled choice stays apart)
+            if self.gradient.B[i][0, 0] > 0.0:
+                s = self.constants.depth(i)
+                if self.full[None] == 0:
+                    s = 0.5 * ti.max(0.0, ti.min(1.0, s)) ** 2 + ti.max(0.0, s - 1.0)
+                pressure = self.constants.density[0] * ti.cast(
+                    self.constants.gravity[None].norm() * self.constants.spacing * s, float
+                )
         return pressure
 
     @ti.func
@@ -93,37 +100,51 @@ class Pressure(Term):
         for i in range(self.particles.count[None]):
             self.smoothed_once[i] = self.mean(i, OUTPUT_SMOOTHING, self.particles.p)
         for i in range(self.particles.count[None]):
-            self.p[i] = self.mean(i, OUTPUT_SMOOTHING, self.smoothed_once) + self.full[None] * self.hydrostatic(i)
+            self.p[i] = self.mean(i, OUTPUT_SMOOTHING, self.smoothed_once) + self.hydrostatic(i)
 
     @ti.func
     def has_gap(self, i):
         """1 where particle i has less than three quarters of its neighbours."""
         return ti.cast(self.gradient.neighbour_count[i] < 0.75 * self.gradient.lattice_neighbours, ti.i32)
 
+    @ti.func
+    def at_surface(self, i):
+        """1 where particle i has a gap, and ``dimension`` of those around it."""
+        around = 0
+        if self.has_gap(i):
+            for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
+                around += self.has_gap(self.neighbors.column[k])
+        return ti.cast(around >= self.dimension, ti.i32)
+
     @stage("smooth pressure")
-    def find_closed_box(self, may_change: ti.i32, first: ti.i32):
+    def find_surface(self, may_change: ti.i32, first: ti.i32):
         """Whether this is a full closed box, without a surface: particles with a gap that have ``dimension`` of them
         around. It stays what it was unless it ``may_change``: in a step of all particles, where the vessel may fill.
-        As it changes, the pressure that particles carry from before this step, unless it is the ``first``, loses or
-        gains the hydrostatic one."""
-        ti.loop_config(serialize=True)
-        for _ in range(may_change):
-            surface, gaps, rows = 0, 0, 0
+        With grains, also the ``level``: how deep the surface reaches. Where that changes, the pressure that particles
+        carry from before this step, unless it is the ``first``, loses or gains what is hydrostatic."""
+        if ti.static(self.constants.may_be_full or self.constants.has_level):
+            for i in range(self.particles.count[None]):
+                self.p[i] = self.hydrostatic(i)
+            for _ in range(1):
+                self.rows[None], self.gaps[None], self.surface[None], self.constants.level[None] = 0, 0, 0, -FAR
             for i in range(self.particles.count[None]):
                 if self.gradient.B[i][0, 0] > 0.0:
-                    rows += 1
-                    if self.has_gap(i):
-                        gaps += 1
-                        around = 0
-                        for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-                            around += self.has_gap(self.neighbors.column[k])
-                        surface += around >= self.dimension
-            full = ti.cast(surface == 0 and rows > 10 * gaps, ti.i32)
-            if ti.static(self.constants.walls_may_bear_weight):  # noqa: SIM102  (a compiled choice stays apart)
-                if first == 0 and full != self.full[None]:
-                    for i in range(self.particles.count[None]):
-                        self.particles.p[i] += (self.full[None] - full) * self.hydrostatic(i)
-            self.full[None] = full
+                    self.rows[None] += 1
+                    self.gaps[None] += self.has_gap(i)
+                    if self.at_surface(i):
+                        self.surface[None] += 1
+                        ti.atomic_max(self.constants.level[None], self.constants.along_gravity(self.particles.x[i]))
+            for _ in range(1):
+                if may_change == 1:
+                    self.full[None] = ti.cast(
+                        self.surface[None] == 0 and self.rows[None] > 10 * self.gaps[None], ti.i32
+                    )
+                if ti.static(not self.constants.has_level) or self.surface[None] == 0:
+                    self.constants.level[None] = FAR
+                if self.full[None] == 1:
+                    self.constants.level[None] = self.constants.along_gravity(ti.Vector(self.constants.middle, ti.f64))
+            for i in range(self.particles.count[None]):
+                self.particles.p[i] += (1 - first) * (self.p[i] - self.hydrostatic(i))
 
     @ti.func
     def volume_mean(self, values: ti.template()):
@@ -231,7 +252,9 @@ class VolumeConstraint(Term):
             g = ti.cast(self.constants.gravity_at(i), float)
             apparent = ti.max(0.0, (g - self.particles.a[i]).dot(g) / ti.max(g.norm(), 1e-30))  # [m/s2]
             closing = ti.max(0.0, -self.strain_rate.velocity_gradient(i).trace())
-            borne = self.constants.pressure_ramp(self.particles.p[i] - self.constants.layer_pressure[None])
+            borne = self.constants.pressure_ramp(
+                self.particles.p[i] + self.pressure.hydrostatic(i) - self.constants.layer_pressure[None]
+            )
             wanted = borne * self.removed_fraction(i, dt) * lack / dt
             divergence = ti.min(divergence, -ti.min(wanted, closing + apparent * dt / self.spacing))
         return divergence

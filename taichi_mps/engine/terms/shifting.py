@@ -50,10 +50,13 @@ class Shifting(Term):
             if ti.static(self.shifts_in_tension):
                 fraction = ti.cast(0.0, float)
                 if self.gradient.neighbour_count[i] >= INTERIOR * self.gradient.lattice_neighbours:
-                    pulled = -TENSION_FACTOR * self.particles.p[i] * dt / viscosity
+                    p = self.particles.p[i] + (1 - pressure.full[None]) * pressure.hydrostatic(i)
+                    pulled = -TENSION_FACTOR * p * dt / viscosity
                     fraction = ti.max(0.0, ti.min(1.0, pulled)) * (inertial_viscosity / viscosity) ** 2
                 self.tension[i] = fraction
-            tension = 1.0 - pressure.p[i] / ti.max(stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9)
+            tension = 1.0 - (pressure.p[i] + pressure.hydrostatic(i)) / ti.max(
+                stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9
+            )
             # a full closed box is kept out of tension
             viscous = (1.0 - inertial_viscosity / viscosity) * (1 - pressure.full[None])
             self.relative_tension[i] = viscous * ti.max(0.0, ti.min(1.0, tension))

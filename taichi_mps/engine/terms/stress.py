@@ -161,9 +161,7 @@ class Stress(Term):
         m = self.constants.mix(i)
         stress = self.constants.tau_y[m]
         if ti.static(self.has_friction):
-            stress += self.constants.friction[m] * ti.max(
-                0.0, self.pressure.p[i] + self.pressure.full[None] * self.pressure.hydrostatic(i)
-            )
+            stress += self.constants.friction[m] * ti.max(0.0, self.pressure.p[i] + self.pressure.hydrostatic(i))
         return stress
 
     @ti.func

@@ -75,6 +75,8 @@ class WallLoads(Term):
             wall_stress=wall_stress,
         )
         self.numbers, self.up_to_date = measured, False
+        # weight that the hydrostatic pressure beside p holds, and what walls bear of it, less in corners [N]
+        self.held = ti.field(ti.f64, 2)
         d, capacity, axes = self.dimension, self.capacity, 1 if self.dimension == 2 else 3
         self.forces = [ti.Vector.field(d, real(), capacity) for _ in measured]  # [N]
         self.torques = [ti.Vector.field(axes, real(), capacity) for _ in measured]  # [N m]
@@ -92,19 +94,34 @@ class WallLoads(Term):
         self.up_to_date = True
         self.set(u)
 
+    @ti.func
+    def hydrostatic_force(self, i, f: ti.template()):
+        """Force [N] of a face of a wall on particle i by the hydrostatic pressure beside p."""
+        x, B, size = self.particles.x[i], self.gradient.B[i], self.gradient.cross_section_ratio(i)
+        weight = ti.cast(self.constants.density_held(i) * self.constants.gravity[None], float)
+        force = self.walls.hydrostatic(i, x, weight, B, size, f)
+        return self.particles.volume(i) * (force + self.walls.force_term(i, x, -self.pressure.hydrostatic(i) * B, f))
+
     @stage("wall loads")
     def set(self, u: ti.template()):
+        if ti.static(self.constants.holds):
+            for _ in range(1):
+                self.held[0], self.held[1] = 0.0, 0.0
+            for i in range(self.particles.count[None]):
+                self.held[0] += (
+                    self.constants.density_held(i) * self.particles.volume(i) * self.constants.gravity[None].norm()
+                )
+                for f in ti.static(range(len(self.walls.faces))):
+                    force = ti.cast(self.hydrostatic_force(i, f), ti.f64)
+                    self.held[1] -= self.constants.along_gravity(force)
         for i in range(self.particles.count[None]):
             for field in ti.static(self.forces + self.torques):
                 field[i] = ti.zero(field[i])
             x, volume = self.particles.x[i], self.particles.volume(i)
-            T = self.stress.total(i, self.solved_rate)
-            T -= self.pressure.full[None] * self.pressure.hydrostatic(i) * ti.Matrix.identity(float, T.n)
             h, flux = self.resistance.h[i], self.correction.force(i)[0]
-            flux += volume * (self.gradient.in_plane(T) @ self.gradient.B[i])
+            flux += volume * (self.gradient.in_plane(self.stress.total(i, self.solved_rate)) @ self.gradient.B[i])
             flux -= h * self.gradient.in_plane(self.solved_rate.velocity_gradient(i))
-            density = self.constants.head_density(i) + self.constants.density_held_by_walls()
-            weight = density * ti.cast(self.constants.gravity_at(i), float)
+            weight = self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
             weight *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
             size = self.gradient.cross_section_ratio(i)
             for f, wall in ti.static(enumerate(self.walls.faces)):
@@ -113,6 +130,10 @@ class WallLoads(Term):
                     force = self.walls.force_term(i, x, flux, f) - h * self.walls.drag_term(i, x, u[i], 1.0, f)[0]
                     force -= self.walls.friction_term(i, x, u[i], 1.0, f)
                     force += volume * self.walls.hydrostatic(i, x, weight, self.gradient.B[i], size, f)
+                    if ti.static(self.constants.holds):
+                        force += self.hydrostatic_force(i, f) * ti.cast(
+                            self.held[0] / ti.max(1e-30, self.held[1]), float
+                        )
                     force += volume * self.wall_stress.force(i, f) + self.correction.force_of_walls(i, f)
                     arm = ti.cast(wall.arm(x), float) - z * n
                     moment = self.axial_vector(arm.outer_product(-force))  # arm x force
