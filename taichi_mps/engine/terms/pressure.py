@@ -20,7 +20,7 @@ MIN_PACKING_ERROR, MIN_PACKING_ERROR_CLOSED_BOX = -0.03, -1.0
 # packing that poured material lacks, from which on it is loose; not counted is what a surface misses, over its normal
 LOOSE, MISSING_AT_SURFACE = 0.1, 0.2
 FULL_STRAIN = 0.02  # in a step, from which on packing error and shift act fully
-FAR = 1e9  # level where no hydrostatic pressure stands beside p [m]
+HUGE = 1e9  # level where no hydrostatic pressure stands beside p [m]
 
 
 @ti.data_oriented
@@ -126,7 +126,7 @@ class Pressure(Term):
             for i in range(self.particles.count[None]):
                 self.p[i] = self.hydrostatic(i)
             for _ in range(1):
-                self.rows[None], self.gaps[None], self.surface[None], self.constants.level[None] = 0, 0, 0, -FAR
+                self.rows[None], self.gaps[None], self.surface[None], self.constants.level[None] = 0, 0, 0, -HUGE
             for i in range(self.particles.count[None]):
                 if self.gradient.B[i][0, 0] > 0.0:
                     self.rows[None] += 1
@@ -140,7 +140,7 @@ class Pressure(Term):
                         self.surface[None] == 0 and self.rows[None] > 10 * self.gaps[None], ti.i32
                     )
                 if ti.static(not self.constants.has_level) or self.surface[None] == 0:
-                    self.constants.level[None] = FAR
+                    self.constants.level[None] = HUGE
                 if self.full[None] == 1:
                     self.constants.level[None] = self.constants.along_gravity(ti.Vector(self.constants.middle, ti.f64))
             for i in range(self.particles.count[None]):
