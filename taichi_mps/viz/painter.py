@@ -49,8 +49,8 @@ class Camera:
             (max(up + top * ahead), min(up + bottom * ahead), bottom - top),
         ]
         z = min((low - high) / room for high, low, room in bounds)  # nearest at which both directions fit
-        x = 0.5 * (bounds[0][0] + bounds[0][1] + (right + left) * z)
-        self.eye = np.array([x, (0.5 * (bounds[1][0] + bounds[1][1] - (bottom + top) * z)), z]) @ self.axes
+        x, y = 0.5 * (sum(bounds[0][:2]) + (right + left) * z), 0.5 * (sum(bounds[1][:2]) - (bottom + top) * z)
+        self.eye = np.array([x, y, z]) @ self.axes
         self.middle = np.mean([np.min(points, 0), np.max(points, 0)], 0)
 
     def camera_coordinates(self, points):

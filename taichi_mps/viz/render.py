@@ -346,7 +346,7 @@ def png(folder: Place, view: View = "concrete", **options: Any) -> Callable[[Any
             renderer = Renderer(sim.scene, view=view, **options)
         save(
             renderer.draw(sim.snapshot(), sim.measures()),
-            folder / (f"{'frame' if view == 'concrete' else view}_{count:05d}.png"),
+            folder / f"{'frame' if view == 'concrete' else view}_{count:05d}.png",
         )
         count += 1
 

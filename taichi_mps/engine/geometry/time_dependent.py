@@ -72,7 +72,7 @@ class Moving:
         """Velocity as a function of time, of ``components`` components; None if it is constant."""
         return (
             TimeDependent(self.velocity, "velocity of a wall", "m/s", self.components)
-            if (np.ndim(self.velocity) == 2)
+            if np.ndim(self.velocity) == 2
             else None
         )
 
