@@ -222,9 +222,8 @@ class Parser(argparse.ArgumentParser):
             switch = {"action": argparse.BooleanOptionalAction if field.default else "store_true", "default": None}
             unit = unit_of(field).replace("-", "N").replace(" ", ".")
             number = {"metavar": "|".join(filter(None, (unit, *choices(field)))) or "X"}
-            settings = switch if field.annotation is bool else number
             self.groups[title or group_of(name, model)].add_argument(
-                *dict.fromkeys(flags), dest=name, help=text, **settings
+                *dict.fromkeys(flags), dest=name, help=text, **(switch if field.annotation is bool else number)
             )
 
     def parse(self, argv):

@@ -195,13 +195,12 @@ def constants_of(facts: dict) -> dict[str, str]:
 
     Yield stress first, density last.
     """
-    others = {*COMMON_NUMBERS, "typical_slope"}  # the slope is no constant of a mix
-    names = ["yield_value", *(name for name in facts if name not in others), "density"]
-    numbers = {name: facts[name] for name in names if isinstance(facts.get(name), float | int)}
+    # the slope is no constant of a mix
+    names = ["yield_value", *(name for name in facts if name not in {*COMMON_NUMBERS, "typical_slope"}), "density"]
     return {
-        in_words(name): quote(float(value), CONSTANT_UNITS.get(name, ""))
-        for name, value in numbers.items()
-        if name in COMMON_NUMBERS or chooses_law(name, value)
+        in_words(name): quote(float(facts[name]), CONSTANT_UNITS.get(name, ""))
+        for name in names
+        if isinstance(facts.get(name), float | int) and (name in COMMON_NUMBERS or chooses_law(name, facts[name]))
     }
 
 

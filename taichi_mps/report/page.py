@@ -189,7 +189,6 @@ def accuracy_section(summary: dict) -> str:
     if not error:
         return text
     sizes = {row.spacing for row in accuracy.error_table() if row.model == error.model} | {error.spacing}
-    found = [accuracy.expected(error.model, size, mix) for size in sorted(sizes, reverse=True)]
     rows = [
         (
             f"{1e3 * height * row.spacing:.3g} mm",
@@ -197,7 +196,7 @@ def accuracy_section(summary: dict) -> str:
             f"{2e3 * height * row.reach:.0f} mm",
             f"{row.volume:.1%}",
         )
-        for row in filter(None, found)
+        for row in filter(None, [accuracy.expected(error.model, size, mix) for size in sorted(sizes, reverse=True)])
     ]
     head = "particle size", "slump within", "diameter within", "volume within"
     return f"{text}\n<p>Of this mix, by the model {safe(error.model)}, are to be expected:</p>\n{table(rows, head)}"

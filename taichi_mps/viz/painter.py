@@ -96,8 +96,7 @@ class Mesh:
         shown = np.flatnonzero(shown)
         shown = shown[np.argsort(-depth[shown], kind="stable")]
         corners = self.triangles[shown].T
-        order = np.argsort(row[corners], axis=0)  # from top to bottom
-        corners = np.take_along_axis(corners, order, 0)
+        corners = np.take_along_axis(corners, np.argsort(row[corners], axis=0), 0)  # from top to bottom
         (ax, bx, cx), (ay, by, cy) = column[corners], row[corners]
         which, row = expand_spans(*pixels(ay, cy, height))
         y, upper = row + 0.5, row + 0.5 < by[which]

@@ -255,8 +255,7 @@ def test_an_export_holds_every_output_with_its_time(tmp_path, plane):
     """An export of a plane scene lies at y = 0; a smooth surface has triangles, and is refused where there can be
     none."""
     _, sim, recorder = recorded(tmp_path / "run", 2, scene=plane)
-    outputs = recorder.trajectory.replay(scene=plane)
-    assert export.vtu(outputs, tmp_path / "vtu") == 3
+    assert export.vtu(recorder.trajectory.replay(scene=plane), tmp_path / "vtu") == 3
     sets = ElementTree.parse(tmp_path / "vtu" / "run.pvd").getroot().findall("Collection/DataSet")
     assert [float(item.get("timestep")) for item in sets] == pytest.approx([0.0, 0.01, 0.02])
     mesh = meshio.read(tmp_path / "vtu" / sets[-1].get("file"))
@@ -487,8 +486,7 @@ def test_a_checkpoint_of_another_version_or_scene_is_refused(tmp_path, slump):
 
 def test_a_rational_rate_stays_as_it_was_when_a_run_goes_on_for_longer(tmp_path):
     scene = mps.slump_cone(critical_strain_rate="rational", until=2.0, spacing=0.05, model="axisymmetric")
-    state = checkpoint.read(checkpoint.save(Falling(scene), tmp_path / "checkpoint.h5"))
-    longer = state.scene(4.0)
+    longer = checkpoint.read(checkpoint.save(Falling(scene), tmp_path / "checkpoint.h5")).scene(4.0)
     assert longer.until == 4.0 and longer.material == scene.material
 
 

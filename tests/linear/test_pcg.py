@@ -64,8 +64,7 @@ def test_the_error_in_the_energy_norm_falls_from_step_to_step():
 def test_a_solve_goes_on_from_the_last_one(launch):
     """A load that changes as at the last solve, or by a part of that change, needs no iteration and no product with A.
     At most the last change is extrapolated: where it was negligible, it is rounding."""
-    rng = np.random.default_rng(11)
-    a, (b, c) = spd(40), rng.standard_normal((2, 40))
+    a, (b, c) = spd(40), np.random.default_rng(11).standard_normal((2, 40))
     b[6:9], c[6:9] = 1e20, -1e20  # of a masked row
     operator = BlockOperator(a, 2, masked=(3, 4))
     free = np.repeat(np.abs(operator.inverse_diagonal.to_numpy()).sum((1, 2)) > 0, 2)

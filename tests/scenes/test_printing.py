@@ -388,8 +388,7 @@ def test_the_shape_of_what_is_printed_is_told_beside_the_path(written):
     body, and with the lower layer 1.2 times as wide and the upper one 4 mm to the side."""
     scene = mps.catalogue.build("printing", gcode=str(written(corner(100, 30, 10, 2, 200))), filament_diameter=0.01)
     layers = [np.concatenate([swept(inlet, 0.005) for inlet in scene.inlets[k : k + 2]]) / 1e3 for k in (0, 2)]
-    as_laid = scene.measure(still(np.concatenate(layers), 0.005))
-    assert as_laid == pytest.approx(
+    assert scene.measure(still(np.concatenate(layers), 0.005)) == pytest.approx(
         {"height_m": 0.02, "width_m": 0.03, "lean_m": 0.0, "collapsed_number": 0.0}, abs=1e-6
     )
     along_x = np.arange(len(layers[0])) < scene.inlets[0].layers(0.005) * 12

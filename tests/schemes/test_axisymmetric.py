@@ -66,8 +66,7 @@ def test_linear_fields_have_their_gradient_and_hoop_rate(free):
 def test_flow_to_a_point_has_no_divergence_beside_the_axis(rings):
     """u = (a r, -2 a (z - z_floor)) has no divergence beside the axis and the slip-free floor, which change only its
     shear."""
-    u = np.column_stack([0.5 * rings.x[:, 0], -1.0 * rings.x[:, 1]])
-    G = rings.gradients(u)
+    G = rings.gradients(np.column_stack([0.5 * rings.x[:, 0], -1.0 * rings.x[:, 1]]))
     away = rings.healthy & (rings.x[:, 1] > -0.55 + 2.1 * L0)
     assert away.sum() > 30
     assert np.abs(G[away] - np.diag([0.5, -1.0, 0.5])).max() < 1e-12
@@ -140,8 +139,7 @@ def test_a_section_is_revolved_to_the_whole_body():
     """The revolved volume is exact within the rounding of the particles in a ring; radii, heights and velocities are
     exact, and rings of two particles or more have no net momentum across the axis."""
     scene = mps.slump_cone(model="axisymmetric")
-    rng = np.random.default_rng(1)
-    u = rng.standard_normal(scene.fluid.shape)
+    u = np.random.default_rng(1).standard_normal(scene.fluid.shape)
     zero = np.zeros(len(u))
     part = mps.measure.Snapshot(0.2, 0.01, scene.fluid, u, zero, zero, zero > 0, zero + 1, np.zeros((0, 2)))
     whole = scene.unfold(part)

@@ -260,6 +260,16 @@ def test_floor_and_sides_bear_the_weight_of_a_pool_with_a_disc_on_its_floor():
 
 
 @pytest.mark.slow
+def test_a_particle_below_a_falling_block_with_a_disc_falls_as_freely():
+    """It carries no stress: what is held below a surface is not its weight."""
+    x = np.vstack([mps.lattice((0.0, 0.0), (0.2, 0.1), L0), [(0.035, -0.065)]])
+    grains = mps.Grains(diameter=4 * L0, centres=[(0.1, 0.05)], density=2300.0)
+    sim = mps.Simulation(mps.Scene("block", NEWTONIAN, L0, x, WIDE, grains=grains, until=10.0))
+    advance(sim, 0.05)
+    assert sim.snapshot().u[:, 1] == pytest.approx(-G * 0.05, rel=1e-3)
+
+
+@pytest.mark.slow
 def test_a_disc_sinks_in_a_deep_pool_as_fast_as_in_a_shallow_one_and_goes_on():
     """Under 8 and 52 cm: a pressure that grows with the depth would lock it in the lattice of the mortar."""
     pools = [pool(NEWTONIAN, 300.0, [(0.1, 0.12)], depth=depth) for depth in (0.2, 0.64)]

@@ -36,8 +36,7 @@ def face_pairs(walls, faces, mirrors) -> np.ndarray:
     ``mirrors``: whether each wall is a mirror plane."""
     solid = np.array([isinstance(walls[k], Solid) for k in faces], bool)
     mirror = np.array([mirrors[k] for k in faces], bool)
-    meet = (solid[:, None] | solid) & ~np.eye(len(faces), dtype=bool)
-    return meet * (1 + (mirror[:, None] | mirror))
+    return ((solid[:, None] | solid) & ~np.eye(len(faces), dtype=bool)) * (1 + (mirror[:, None] | mirror))
 
 
 @ti.func

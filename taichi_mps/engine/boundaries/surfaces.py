@@ -103,8 +103,7 @@ class Surface:
         if ti.static(self.particles.carries_stress):
             for a, b in ti.static(ti.ndrange(self.particles.dimension, self.particles.dimension)):
                 pressure -= n[a] * self.particles.stress[i][a, b] * n[b]
-        presses = self.released[i] == 0.0 and pressure > 0.0
-        self.released[i] = ti.cast(leaves and not presses, float)
+        self.released[i] = ti.cast(leaves and (self.released[i] == 1.0 or pressure <= 0.0), float)
 
     @ti.func
     def moves_near(self, x, max_distance: ti.template(), ahead: ti.template()):

@@ -35,8 +35,7 @@ def find_concave_edges(values, cell: float, max_distance: float, search):
         number[tuple((nodes + low * np.eye(1, d, dtype=int)).T)] = sum(map(len, tables)) + np.arange(len(nodes))
         tables.append(table)
     table = np.concatenate(tables)
-    most = int(np.isfinite(table[..., 0]).sum(1).max(initial=1))
-    return number, table[:, :most]
+    return number, table[:, : int(np.isfinite(table[..., 0]).sum(1).max(initial=1))]
 
 
 def nodes_with_several_faces(search, values, cell, max_distance, steps, first, last):

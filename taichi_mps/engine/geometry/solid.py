@@ -255,11 +255,10 @@ class Solid(Moving):
         """
         require(len(places), "places: must be one bar or more")
         low = [*(places.min(0) - radius - reach), upright[0]]
-        high = [*(places.max(0) + radius + reach), upright[1]]
         return cls.of(
             lambda x: np.min([np.hypot(*(x[:, :2] - place).T) for place in places], axis=0) - radius,
             low,
-            high,
+            [*(places.max(0) + radius + reach), upright[1]],
             cell,
             **keywords,
         )

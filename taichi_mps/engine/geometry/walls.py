@@ -286,9 +286,8 @@ class Cylinder(Moving):
         check_surface(self)
         d = len(self.point)
         given = array_of([] if self.axis is None else self.axis)
-        is_direction = given.shape == (3,) and given.any()
         require(
-            is_direction if d == 3 else given.shape == (0,),
+            (given.shape == (3,) and given.any()) if d == 3 else given.shape == (0,),
             f"axis = {self.axis}: must be a direction of 3 numbers in 3-D and None in 2-D",
         )
         require(

@@ -229,8 +229,7 @@ class NodeMultigrid(NodeOperators):
     def prolong(self, grid: ti.i32):
         """Add the correction of the next coarser grid."""
         for m in range(first(self.active_count[grid]), last(self.active_count[grid])):
-            node = self.active_nodes[self.first_node[grid] + m]
-            self.z[0, node] += self.coarse_correction(m, grid)
+            self.z[0, self.active_nodes[self.first_node[grid] + m]] += self.coarse_correction(m, grid)
         wait()
 
     @ti.func

@@ -208,8 +208,7 @@ class NodeOperators:
         self.inverse[node] = ti.Matrix.zero(float, self.dimension, self.dimension)
         size = D.trace()
         if size > 1e-30:  # particles at the rim of a node give a tiny block, whose determinant would underflow
-            scaled = D / size + 1e-4 * ti.Matrix.identity(float, self.dimension)
-            self.inverse[node] = scaled.inverse() / size
+            self.inverse[node] = (D / size + 1e-4 * ti.Matrix.identity(float, self.dimension)).inverse() / size
 
     @ti.kernel
     def _assemble_finest(self):

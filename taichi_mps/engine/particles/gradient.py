@@ -174,8 +174,7 @@ class Gradient:
             self.surface_normal[i] = surface_normal / self.at_surface
             kind = self.particles.kind[i]
             some = neighbour_count >= self.dimension * ti.min(1.0, self.cross_section_ratio(i))
-            fluid = kind == FLUID or kind == BOUNDARY  # noqa: SIM109  (a kernel has no "in")
-            stressed = some and (fluid or (kind == WALL and fluid_neighbours > 0))
+            stressed = some and (kind == FLUID or kind == BOUNDARY or (kind == WALL and fluid_neighbours > 0))  # noqa: SIM109
             self.B[i] = (
                 self.inverse(M, self.full_weight(i))
                 if stressed

@@ -65,8 +65,7 @@ def lattice_sums(
 ) -> LatticeSums:
     """Sums over the cubic lattice in which the particles begin."""
     cells = int(effective_radius / spacing) + 1
-    axis = np.arange(-cells, cells + 1) * spacing
-    points = np.stack(np.meshgrid(*[axis] * dimension), -1).reshape(-1, dimension)
+    points = np.stack(np.meshgrid(*[np.arange(-cells, cells + 1) * spacing] * dimension), -1).reshape(-1, dimension)
     r = np.linalg.norm(points, axis=1)
     near = (r > 0.5 * spacing) & (r < effective_radius)
     r, height = r[near], points[near, 0]

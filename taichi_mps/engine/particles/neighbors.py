@@ -62,8 +62,7 @@ class Bins:
     @ti.func
     def cell(self, x):
         """Cell coordinates of a position, clamped to the grid."""
-        c = ti.cast(ti.floor((x - self.low) / self.cell_size), ti.i32)
-        return ti.max(0, ti.min(c, ti.Vector(self.shape) - 1))
+        return ti.max(0, ti.min(ti.cast(ti.floor((x - self.low) / self.cell_size), ti.i32), ti.Vector(self.shape) - 1))
 
     @ti.func
     def linear(self, c):

@@ -320,8 +320,7 @@ class Bingham(Material):
             f"friction_angle = {self.friction_angle:g} deg: needs a true yield stress; critical_strain_rate must "
             "be left out",
         )
-        excess = self.knee_stress - self.yield_value
-        if self.yields and excess > (HIGH_KNEE + 1e-9) * self.yield_value:
+        if self.yields and self.knee_stress - self.yield_value > (HIGH_KNEE + 1e-9) * self.yield_value:
             largest = HIGH_KNEE * self.yield_value / (2.0 * self.plastic_viscosity)
             warnings.warn(
                 f"critical_strain_rate = {self.critical_strain_rate:g} 1/s: the concrete yields at a knee stress of "

@@ -277,7 +277,6 @@ class Problem:
         """Interval of the outputs of a run [s], of the nearest of 1, 2, 5 times a power of ten."""
         scene = self.scene
         once = scene.stop_at_rest and not (scene.jolts or scene.inlets)
-        longest = OUTPUT_INTERVAL * self.fall_time if once else scene.until
-        interval = max(INSTANT, min(scene.until / OUTPUTS, longest))
+        interval = max(INSTANT, min(scene.until / OUTPUTS, OUTPUT_INTERVAL * self.fall_time if once else scene.until))
         power = 10.0 ** np.floor(np.log10(interval))
         return float(min((k * power for k in (1.0, 2.0, 5.0, 10.0)), key=lambda value: abs(np.log(value / interval))))

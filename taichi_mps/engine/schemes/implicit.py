@@ -45,7 +45,9 @@ class ImplicitScheme(Scheme):
     def __init__(self, problem, to_come: int, pairs_per_particle: float):
         super().__init__(problem, carried(problem), to_come, pairs_per_particle)
         scene, fluid, walls = problem.scene, self.fluid, self.fluid.walls
-        self.constants = Constants(fluid.particles, problem, fluid.gravity, fluid.twist, problem.may_be_full(to_come))
+        self.constants = Constants(
+            fluid.particles, problem, fluid.gradient, fluid.gravity, fluid.twist, problem.may_be_full(to_come)
+        )
         self.sums = PairSums(fluid.particles, fluid.gradient, walls)
         # which terms the scene needs: the stages of the others do nothing
         several, holds = len(problem.scene.materials) > 1, any(not wall.slip for wall in walls.surfaces)
@@ -286,7 +288,6 @@ class ImplicitScheme(Scheme):
             "first": self.first,
             "unmet": self.unmet,
             "full": self.pressure.full[None],
-            "level": self.constants.level[None],
             **self.active_set.state(),
             **self.contacts.state(),
         }
@@ -295,7 +296,7 @@ class ImplicitScheme(Scheme):
         """Load the scalars of a saved state."""
         self.wall_loads.up_to_date = False
         self.first, self.unmet = state["first"], state.get("unmet", 0)
-        self.pressure.full[None], self.constants.level[None] = state.get("full", 0), state.get("level", 0.0)
+        self.pressure.full[None] = state.get("full", 0)
         self.active_set.load(state)
         self.contacts.load_state(state)
 

@@ -39,8 +39,7 @@ class Scheme:
 
     def time_step_limits(self, speeds: Speeds) -> dict[str, float]:
         """Largest allowed steps [s] by name, for what moves now: here by the Courant number."""
-        courant = self.numerics.courant_number * self.spacing
-        return {"Courant": courant / speeds.speed} if speeds.speed > 0.0 else {}
+        return {"Courant": self.numerics.courant_number * self.spacing / speeds.speed} if speeds.speed > 0.0 else {}
 
     def set_forces(self, scene, start: float, dt: float) -> None:
         """Set gravity and the velocities of walls for a step of dt [s] from a time [s]: their means over the step,

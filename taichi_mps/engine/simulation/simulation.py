@@ -192,8 +192,7 @@ class Simulation:
         dt = self._last_dt = limits[name]
         openings = [pouring.next for pouring in self.pouring if not pouring.entered]
         changes = [time for part in self.scene.in_time for time in part.times]
-        ends = [end for end in openings + changes if end > self.time + INSTANT] + [until]
-        left = min(ends) - self.time
+        left = min([end for end in openings + changes if end > self.time + INSTANT] + [until]) - self.time
         if left < dt * (1 + 1e-9):
             return left, "end"
         return (0.5 * left, "end") if left < 2 * dt else (dt, name)

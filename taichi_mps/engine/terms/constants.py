@@ -5,7 +5,7 @@ import numpy as np
 
 from ..problem.materials import FLOW_THRESHOLD
 from ..problem.time_step import LONG, TimeStep
-from ..runtime.backend import real, ti
+from ..runtime.backend import double_field, real, ti
 from ..runtime.stages import flush
 
 MIX_FIELDS = {
@@ -27,6 +27,7 @@ SCENE_FIELDS = {
     "bulk": "K [Pa s]",
 }
 
+HUGE = 1e9  # level where no hydrostatic pressure stands beside p [m]
 INERTIAL = 0.5  # hourglass modes of a low-viscosity fluid decay within about two natural steps: h += 0.5 rho l0^2/step
 # Over sqrt(a/l0), a = g + U^2/H: rate of the bonds below which the hourglass resistance of a yield-stress fluid stops
 # growing; slower motion that the gradient does not see creeps at a rate that no yield stress stops
@@ -71,10 +72,10 @@ class Term:
 class Constants:
     """Constants of each mix and scales of the scene: a field for each of MIX_FIELDS and SCENE_FIELDS."""
 
-    def __init__(self, particles, problem, gravity=None, twist=None, may_be_full=False):
+    def __init__(self, particles, problem, gradient=None, gravity=None, twist=None, may_be_full=False):
         """``gravity``: field [m/s2] that is written at the start of a step; ``twist``: field of its gradient [1/s2];
         ``may_be_full``: whether the fluid may fill a closed vessel."""
-        self.gravity, self.twist, self.twists = gravity, twist, twist is not None
+        self.gradient, self.gravity, self.twist, self.twists = gradient, gravity, twist, twist is not None
         self.particles, self.mixes = particles, len(problem.scene.materials)
         self.of_mix = [ti.field(real(), self.mixes) for _ in MIX_FIELDS]
         self.of_scene = [ti.field(real(), ()) for _ in SCENE_FIELDS]
@@ -88,7 +89,7 @@ class Constants:
         self.may_be_full, self.has_level = may_be_full, bool(grains) and not self.twists
         # whether a hydrostatic pressure stands beside p
         self.holds, self.spacing = (may_be_full or self.has_level) and not unsupported, scene.spacing
-        self.level = ti.field(ti.f64, ())  # where along gravity it is zero [m]
+        self.level = double_field()  # where along gravity it is zero [m]
         self.middle = scene.expected.fluid.mean(0).tolist()  # of the fluid [m]
         # by the number of a mix: numbers that its compiled flow curve reads
         self.laws = {
@@ -197,16 +198,25 @@ class Constants:
 
     @ti.func
     def depth(self, i):
-        """Depth of particle i below the ``level``, over the spacing [-]."""
-        return (self.along_gravity(self.particles.x[i]) - self.level[None]) / self.spacing
+        """Depth of particle i below the ``level`` or the middle of a full closed box, over the spacing [-]."""
+        level = self.level[None] if ti.static(self.has_level) else HUGE
+        if self.full[None] == 1:
+            level = self.along_gravity(ti.Vector(self.middle, ti.f64))
+        return (self.along_gravity(self.particles.x[i]) - level) / self.spacing
 
     @ti.func
     def density_held(self, i):
         """Density whose weight the hydrostatic pressure beside p holds at particle i, whatever flows: that of the first
-        mix in a full closed box, and below the ``level``, in full from a spacing below on; 0 elsewhere [kg/m3]."""
+        mix in a full closed box, and below the ``level``, in full from a spacing below on; 0 elsewhere, and of a
+        particle that neither carries stress nor is part of a grain [kg/m3]."""
         density = ti.cast(0.0, float)
         if ti.static(self.holds):
-            density = self.density[0] * ti.cast(ti.max(self.full[None], ti.min(1.0, self.depth(i))), float)
+            part, bears = ti.cast(self.full[None], float), self.gradient.B[i][0, 0] > 0.0
+            if ti.static(self.particles.has_grains):
+                bears = bears or self.particles.in_grain(i)
+            if bears:
+                part = ti.max(part, ti.cast(ti.min(1.0, self.depth(i)), float))
+            density = self.density[0] * part
         return density
 
     @ti.func

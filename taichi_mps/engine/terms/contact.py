@@ -38,8 +38,7 @@ NONE = int(-1e6)  # no partner
 
 def most_contacts(radii, surfaces: int) -> int:
     """Largest number of contacts of a grain: of small ones around a large one, by the area that each takes."""
-    ratio = float(np.max(radii) / np.min(radii))
-    return int(4.0 * (1.0 + 1.2 * ratio) ** 2) + WALL_CONTACT_ROOM * surfaces
+    return int(4.0 * (1.0 + 1.2 * float(np.max(radii) / np.min(radii))) ** 2) + WALL_CONTACT_ROOM * surfaces
 
 
 @ti.data_oriented

@@ -95,8 +95,7 @@ class MomentumOperator(Term):
         G = self.sums.velocity_gradient(i, u, wall_motion)
         T = self.stress.viscous(i, G)
         T += self.constants.bulk[None] * G.trace() * ti.Matrix.identity(float, G.n)
-        flux = self.gradient.stress_flux(i, T) - self.resistance.h[i] * self.gradient.in_plane(G)
-        self.sums.set_flux(i, flux)
+        self.sums.set_flux(i, self.gradient.stress_flux(i, T) - self.resistance.h[i] * self.gradient.in_plane(G))
 
     @ti.func
     def balance(self, i, u: ti.template(), wall_motion):
@@ -250,7 +249,7 @@ class MomentumSource(Term):
                 inertia_and_weight = volume * (self.operator.inertia[i] * self.particles.u[i] + weight)
                 b[i] += inertia_and_weight + self.sums.force(i)
                 heavy = self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
-                heavy *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
+                heavy *= self.pressure.hydrostatic_fraction(self.pressure.whole(i))
                 size = self.gradient.cross_section_ratio(i)
                 b[i] += volume * self.walls.hydrostatic(i, self.particles.x[i], heavy, self.gradient.B[i], size)
                 b[i] += volume * self.wall_stress.force(i)
@@ -317,5 +316,4 @@ class VelocitySolve:
     @stage("solve")
     def count_iterations(self, k: ti.i32):
         """Add the iterations of the solve in iteration k to those of the step."""
-        so_far = self.iterations[None] if k > 0 else 0
-        self.iterations[None] = so_far + self.solver.iterations[None]
+        self.iterations[None] = (self.iterations[None] if k > 0 else 0) + self.solver.iterations[None]

@@ -3,7 +3,7 @@ box; and the prescribed divergence that corrects packing errors (I11)."""
 
 from ..runtime.backend import real, ti
 from ..runtime.stages import stage
-from .constants import Term
+from .constants import HUGE, Term
 
 SMOOTHING = 0.6  # weight of the neighbours' mean in the pressure
 OUTPUT_SMOOTHING = 0.75  # weight of the neighbours' mean in the pressure for output, applied twice
@@ -20,15 +20,16 @@ MIN_PACKING_ERROR, MIN_PACKING_ERROR_CLOSED_BOX = -0.03, -1.0
 # packing that poured material lacks, from which on it is loose; not counted is what a surface misses, over its normal
 LOOSE, MISSING_AT_SURFACE = 0.1, 0.2
 FULL_STRAIN = 0.02  # in a step, from which on packing error and shift act fully
-HUGE = 1e9  # level where no hydrostatic pressure stands beside p [m]
 
 
 @ti.data_oriented
 class Pressure(Term):
     """Smoothed pressure ``p`` [Pa] of every particle; zero where it carries no stress.
 
-    The walls of a full closed box hold the weight of a fluid of one density, however it flows. There p, and what
-    particles carry, is the pressure in excess of the ``hydrostatic`` one, and that weight acts on no particle (I34).
+    The walls of a full closed box hold the weight of a fluid of one density, however it flows, and where there are
+    grains those below the lowest place of its surface, the ``level``. There p is the pressure in excess of the
+    ``hydrostatic`` one, and that weight acts on no particle (I34). From step to step the particles carry the whole
+    pressure, but those of a full closed box the excess.
     """
 
     def __init__(self, fluid, constants):
@@ -62,12 +63,27 @@ class Pressure(Term):
         return pressure
 
     @ti.func
+    def whole(self, i):
+        """Pressure [Pa] with what stands beside p."""
+        return self.p[i] + self.hydrostatic(i)
+
+    @ti.func
+    def carried(self, i):
+        """What of the hydrostatic pressure [Pa] particles carry from step to step."""
+        return (1 - self.full[None]) * self.hydrostatic(i)
+
+    @ti.func
+    def head_density(self, i):
+        """Density whose weight the pressure that particles carry balances around particle i [kg/m3]."""
+        return self.constants.head_density(i) + (1 - self.full[None]) * self.constants.density_held(i)
+
+    @ti.func
     def mean(self, i, fraction, pressure: ti.template()):
-        """(1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w of a ``pressure``, over particles that carry stress, a the
-        ``fraction``, f the ``hydrostatic_fraction`` of p_i. Where i carries none it stays p_i."""
+        """(1-a) p_i + a sum w (p_j - f rho g.r_ij)/sum w of a ``pressure`` that particles carry, over those that carry
+        stress, a the ``fraction``, f the ``hydrostatic_fraction`` of p_i. Where i carries none it stays p_i."""
         x = self.particles.x[i]
         total, weight = ti.cast(0.0, float), ti.cast(0.0, float)
-        density_i = self.constants.head_density(i)
+        density_i = self.head_density(i)
         g = ti.cast(self.constants.gravity_at(i), float) * self.hydrostatic_fraction(pressure[i])
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
@@ -76,7 +92,7 @@ class Pressure(Term):
                 w = self.gradient.weight_r2[k] * r.dot(r)
                 density = density_i
                 if ti.static(self.constants.mixes > 1):
-                    density = 0.5 * (density_i + self.constants.head_density(j))
+                    density = 0.5 * (density_i + self.head_density(j))
                 total += w * (pressure[j] - density * g.dot(r))
                 weight += w
         p = pressure[i]
@@ -91,7 +107,7 @@ class Pressure(Term):
             self.p[i] = 0.0
             if self.gradient.B[i][0, 0] > 0.0:
                 deforming = ti.min(1.0, self.particles.shear_rate[i] * dt / SMOOTHING_SCALE)
-                self.p[i] = self.mean(i, SMOOTHING * deforming, self.particles.p)
+                self.p[i] = self.mean(i, SMOOTHING * deforming, self.particles.p) - self.carried(i)
 
     @ti.kernel
     def smooth_for_output(self):
@@ -100,7 +116,7 @@ class Pressure(Term):
         for i in range(self.particles.count[None]):
             self.smoothed_once[i] = self.mean(i, OUTPUT_SMOOTHING, self.particles.p)
         for i in range(self.particles.count[None]):
-            self.p[i] = self.mean(i, OUTPUT_SMOOTHING, self.smoothed_once) + self.hydrostatic(i)
+            self.p[i] = self.mean(i, OUTPUT_SMOOTHING, self.smoothed_once) + self.full[None] * self.hydrostatic(i)
 
     @ti.func
     def has_gap(self, i):
@@ -120,11 +136,12 @@ class Pressure(Term):
     def find_surface(self, may_change: ti.i32, first: ti.i32):
         """Whether this is a full closed box, without a surface: particles with a gap that have ``dimension`` of them
         around. It stays what it was unless it ``may_change``: in a step of all particles, where the vessel may fill.
-        With grains, also the ``level``: how deep the surface reaches. Where that changes, the pressure that particles
-        carry from before this step, unless it is the ``first``, loses or gains what is hydrostatic."""
+        As it changes, the pressure that particles carry from before this step loses or gains the hydrostatic one, and
+        in the ``first`` step it is that. With grains, also the ``level``: how deep the surface reaches."""
         if ti.static(self.constants.may_be_full or self.constants.has_level):
+            was_full = ti.max(self.full[None], first)
             for i in range(self.particles.count[None]):
-                self.p[i] = self.hydrostatic(i)
+                self.p[i] = self.full[None] * self.hydrostatic(i)
             for _ in range(1):
                 self.rows[None], self.gaps[None], self.surface[None], self.constants.level[None] = 0, 0, 0, -HUGE
             for i in range(self.particles.count[None]):
@@ -139,12 +156,12 @@ class Pressure(Term):
                     self.full[None] = ti.cast(
                         self.surface[None] == 0 and self.rows[None] > 10 * self.gaps[None], ti.i32
                     )
-                if ti.static(not self.constants.has_level) or self.surface[None] == 0:
+                if self.constants.level[None] == -HUGE:
                     self.constants.level[None] = HUGE
-                if self.full[None] == 1:
-                    self.constants.level[None] = self.constants.along_gravity(ti.Vector(self.constants.middle, ti.f64))
             for i in range(self.particles.count[None]):
-                self.particles.p[i] += (1 - first) * (self.p[i] - self.hydrostatic(i))
+                if was_full != self.full[None]:
+                    before = self.p[i] if first == 0 else self.hydrostatic(i)
+                    self.particles.p[i] += before - self.full[None] * self.hydrostatic(i)
 
     @ti.func
     def volume_mean(self, values: ti.template()):
@@ -191,7 +208,7 @@ class Pressure(Term):
     def keep(self):
         """Store p in the particles at the end of a step."""
         for i in range(self.particles.count[None]):
-            self.particles.p[i] = self.p[i]
+            self.particles.p[i] = self.p[i] + self.carried(i)
 
 
 @ti.data_oriented
@@ -252,9 +269,7 @@ class VolumeConstraint(Term):
             g = ti.cast(self.constants.gravity_at(i), float)
             apparent = ti.max(0.0, (g - self.particles.a[i]).dot(g) / ti.max(g.norm(), 1e-30))  # [m/s2]
             closing = ti.max(0.0, -self.strain_rate.velocity_gradient(i).trace())
-            borne = self.constants.pressure_ramp(
-                self.particles.p[i] + self.pressure.hydrostatic(i) - self.constants.layer_pressure[None]
-            )
+            borne = self.constants.pressure_ramp(self.particles.p[i] - self.constants.layer_pressure[None])
             wanted = borne * self.removed_fraction(i, dt) * lack / dt
             divergence = ti.min(divergence, -ti.min(wanted, closing + apparent * dt / self.spacing))
         return divergence

@@ -63,8 +63,7 @@ class PressurePoisson(Term):
         """div u* [1/s] at r* (eq 11), walls included."""
         total = ti.cast(0.0, float)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
-            difference = self.particles.u[self.neighbors.column[k]] - self.particles.u[i]
-            total += difference.dot(self.gradient.b[k])
+            total += (self.particles.u[self.neighbors.column[k]] - self.particles.u[i]).dot(self.gradient.b[k])
         return (self.dimension / self.n0) * total
 
     @stage("pressure matrix")
@@ -132,8 +131,7 @@ class PressurePoisson(Term):
         total = ti.Vector.zero(float, self.dimension)
         for k in range(self.neighbors.row_start[i], self.neighbors.row_start[i + 1]):
             j = self.neighbors.column[k]
-            pressed = self.particles.kind[j] != DUMMY
-            other = self.particles.p[j] if pressed else own
+            other = self.particles.p[j] if self.particles.kind[j] != DUMMY else own
             total += (self.dimension / self.n0) * (other - subtracted) * self.gradient.b[k]
         return total
 

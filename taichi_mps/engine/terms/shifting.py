@@ -50,13 +50,10 @@ class Shifting(Term):
             if ti.static(self.shifts_in_tension):
                 fraction = ti.cast(0.0, float)
                 if self.gradient.neighbour_count[i] >= INTERIOR * self.gradient.lattice_neighbours:
-                    p = self.particles.p[i] + (1 - pressure.full[None]) * pressure.hydrostatic(i)
-                    pulled = -TENSION_FACTOR * p * dt / viscosity
+                    pulled = -TENSION_FACTOR * self.particles.p[i] * dt / viscosity
                     fraction = ti.max(0.0, ti.min(1.0, pulled)) * (inertial_viscosity / viscosity) ** 2
                 self.tension[i] = fraction
-            tension = 1.0 - (pressure.p[i] + pressure.hydrostatic(i)) / ti.max(
-                stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9
-            )
+            tension = 1.0 - pressure.whole(i) / ti.max(stress.shear_stress_magnitude(i, stress.mu[i]), 1e-9)
             # a full closed box is kept out of tension
             viscous = (1.0 - inertial_viscosity / viscosity) * (1 - pressure.full[None])
             self.relative_tension[i] = viscous * ti.max(0.0, ti.min(1.0, tension))
@@ -117,8 +114,7 @@ class Shifting(Term):
         """Move the particles by the shift, x <- x + shift, kept in front of the walls."""
         for i in range(self.particles.count[None]):
             if self.particles.kind[i] == FLUID:
-                move = ti.cast(self.shift[i], ti.f64)
-                self.particles.x[i] = self.walls.keep_in_fluid(self.particles.x[i], move)
+                self.particles.x[i] = self.walls.keep_in_fluid(self.particles.x[i], ti.cast(self.shift[i], ti.f64))
 
     @stage("shift")
     def remove_mean_shift(self, dt: float, strain: float):

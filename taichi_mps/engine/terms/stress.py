@@ -161,7 +161,7 @@ class Stress(Term):
         m = self.constants.mix(i)
         stress = self.constants.tau_y[m]
         if ti.static(self.has_friction):
-            stress += self.constants.friction[m] * ti.max(0.0, self.pressure.p[i] + self.pressure.hydrostatic(i))
+            stress += self.constants.friction[m] * ti.max(0.0, self.pressure.whole(i))
         return stress
 
     @ti.func
@@ -215,8 +215,7 @@ class Stress(Term):
             if ti.static(self.law == "yield-stress"):
                 carries = ti.cast(self.gradient.B[i][0, 0] > 0.0, float)
                 D = deviator(self.solved_rate.velocity_gradient(i) - self.strain_rate.half_step_change[i])
-                trial = self.particles.stress[i] + 2.0 * self.mu[i] * D
-                stress, q, flow = self.yield_law(i, trial)
+                stress, q, flow = self.yield_law(i, self.particles.stress[i] + 2.0 * self.mu[i] * D)
                 if k >= viscous:
                     self.particles.stress[i] = stress * carries
                     self.particles.plastic_rate[i] = q * carries

@@ -14,9 +14,10 @@ the fluid lose, but for the weight.
 
 import numpy as np
 
-from ..runtime.backend import real, ti
+from ..runtime.backend import double_field, real, ti
 from ..runtime.field_io import FieldIO
 from ..runtime.stages import stage
+from ..runtime.sums import sum_threads
 from .constants import Term
 
 
@@ -53,7 +54,7 @@ class WallFriction(Term):
             weight = (
                 self.particles.volume(i) * self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
             )
-            weight *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
+            weight *= self.pressure.hydrostatic_fraction(self.pressure.whole(i))
             size, mu = self.gradient.cross_section_ratio(i), self.stress.mu[i]
             self.walls.update_slip(i, x, u[i], flux, weight, B, mu, h, size)
 
@@ -76,7 +77,7 @@ class WallLoads(Term):
         )
         self.numbers, self.up_to_date = measured, False
         # weight that the hydrostatic pressure beside p holds, and what walls bear of it, less in corners [N]
-        self.held = ti.field(ti.f64, 2)
+        self.held, self.threads = double_field(components=2), sum_threads()
         d, capacity, axes = self.dimension, self.capacity, 1 if self.dimension == 2 else 3
         self.forces = [ti.Vector.field(d, real(), capacity) for _ in measured]  # [N]
         self.torques = [ti.Vector.field(axes, real(), capacity) for _ in measured]  # [N m]
@@ -102,18 +103,31 @@ class WallLoads(Term):
         force = self.walls.hydrostatic(i, x, weight, B, size, f)
         return self.particles.volume(i) * (force + self.walls.force_term(i, x, -self.pressure.hydrostatic(i) * B, f))
 
+    @ti.func
+    def with_corners(self, force):
+        """A hydrostatic force [N] with its part along gravity so much larger that the walls bear the weight held; at
+        most twice, where they are not all that bears it."""
+        weight, borne = self.held[None]
+        more = weight / ti.max(borne, 0.5 * weight, 1e-30) - 1.0
+        along = self.constants.along_gravity(force) / ti.max(self.constants.gravity[None].norm(), 1e-30)
+        return force + ti.cast(more * along * self.constants.gravity[None], float)
+
     @stage("wall loads")
     def set(self, u: ti.template()):
         if ti.static(self.constants.holds):
             for _ in range(1):
-                self.held[0], self.held[1] = 0.0, 0.0
-            for i in range(self.particles.count[None]):
-                self.held[0] += (
-                    self.constants.density_held(i) * self.particles.volume(i) * self.constants.gravity[None].norm()
-                )
-                for f in ti.static(range(len(self.walls.faces))):
-                    force = ti.cast(self.hydrostatic_force(i, f), ti.f64)
-                    self.held[1] -= self.constants.along_gravity(force)
+                self.held[None] = ti.Vector.zero(ti.f64, 2)
+            ti.loop_config(serialize=self.threads == 1)
+            for thread in range(self.threads):
+                lane_sums = ti.Vector.zero(ti.f64, 2)
+                for k in range((self.particles.count[None] - thread + self.threads - 1) // self.threads):
+                    i = thread + k * self.threads
+                    gravity = self.constants.gravity[None].norm()
+                    lane_sums[0] += self.constants.density_held(i) * self.particles.volume(i) * gravity
+                    for f in ti.static(range(len(self.walls.faces))):
+                        force = ti.cast(self.hydrostatic_force(i, f), ti.f64)
+                        lane_sums[1] -= self.constants.along_gravity(force)
+                self.held[None] += lane_sums
         for i in range(self.particles.count[None]):
             for field in ti.static(self.forces + self.torques):
                 field[i] = ti.zero(field[i])
@@ -122,7 +136,7 @@ class WallLoads(Term):
             flux += volume * (self.gradient.in_plane(self.stress.total(i, self.solved_rate)) @ self.gradient.B[i])
             flux -= h * self.gradient.in_plane(self.solved_rate.velocity_gradient(i))
             weight = self.constants.head_density(i) * ti.cast(self.constants.gravity_at(i), float)
-            weight *= self.pressure.hydrostatic_fraction(self.pressure.p[i])
+            weight *= self.pressure.hydrostatic_fraction(self.pressure.whole(i))
             size = self.gradient.cross_section_ratio(i)
             for f, wall in ti.static(enumerate(self.walls.faces)):
                 z, n, _velocity, curvature = wall.face(i, x, self.walls.slots[f])
@@ -131,9 +145,7 @@ class WallLoads(Term):
                     force -= self.walls.friction_term(i, x, u[i], 1.0, f)
                     force += volume * self.walls.hydrostatic(i, x, weight, self.gradient.B[i], size, f)
                     if ti.static(self.constants.holds):
-                        force += self.hydrostatic_force(i, f) * ti.cast(
-                            self.held[0] / ti.max(1e-30, self.held[1]), float
-                        )
+                        force += self.with_corners(self.hydrostatic_force(i, f))
                     force += volume * self.wall_stress.force(i, f) + self.correction.force_of_walls(i, f)
                     arm = ti.cast(wall.arm(x), float) - z * n
                     moment = self.axial_vector(arm.outer_product(-force))  # arm x force
