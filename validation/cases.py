@@ -123,6 +123,8 @@ TABLE = [
     ),
     Row("dry_column", "quarter of a column of dry spheres 4 across, 6 diameters in radius, friction 0.5, to 1 s",
         "Lube et al. (2004): 1.24 times the aspect ratio, below 1.7", grains.dry_column, {"wide": 6, "seeds": 3}),
+    Row("dry_column_narrow", "the same, 4 diameters in radius",
+        "Lube et al. (2004), much narrower than theirs", grains.dry_column, {"wide": 4, "seeds": 3}),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),
     collapse(500.0, 0.02),
