@@ -64,12 +64,12 @@ class Pressure(Term):
 
     @ti.func
     def whole(self, i):
-        """Pressure [Pa] with what stands beside p."""
+        """Pressure [Pa] of particle i with the hydrostatic one beside p."""
         return self.p[i] + self.hydrostatic(i)
 
     @ti.func
     def carried(self, i):
-        """What of the hydrostatic pressure [Pa] particles carry from step to step."""
+        """Part of the hydrostatic pressure [Pa] that particles carry from step to step."""
         return (1 - self.full[None]) * self.hydrostatic(i)
 
     @ti.func
