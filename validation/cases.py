@@ -125,6 +125,8 @@ TABLE = [
         "Lube et al. (2004): 1.24 times the aspect ratio, below 1.7", grains.dry_column, {"wide": 6, "seeds": 3}),
     Row("dry_column_narrow", "the same, 4 diameters in radius",
         "Lube et al. (2004), much narrower than theirs", grains.dry_column, {"wide": 4, "seeds": 3}),
+    Row("dry_column_wide", "the same, 9 diameters in radius",
+        "Lube et al. (2004), nearer to theirs", grains.dry_column, {"wide": 9, "seeds": 1}),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),
     collapse(500.0, 0.02),
