@@ -250,8 +250,7 @@ def accuracy_rows() -> list[tuple[str, str, list[dict]]]:
         ("dam break, front, the gate's delay counted", "Martin and Moyce (1952)", ("dam_break_front",), "gate"),
         ("dam break, front, without", "Martin and Moyce (1952)", ("dam_break_front",), "no delay"),
     ]
-    rows = [(case, reference, [number(row, part) for row in names]) for case, reference, names, part in found]
-    return rows + [
+    return [(case, reference, [number(row, part) for row in names]) for case, reference, names, part in found] + [
         (f"{six}, {mm} mm, {key}", inertia, [worst_of_soft(f"quarter_{mm}mm", key)])
         for mm, key in product((5, 10), SOFT)
     ]

@@ -257,8 +257,7 @@ def located(space: Space, moved, x):
         nearer = np.linalg.norm(miss, axis=1) < nearest
         nearest[nearer], best[nearer] = np.linalg.norm(miss, axis=1)[nearer], logical[nearer]
         slope = np.stack([np.einsum("ni,nik->nk", by, corner) for by in (by_xi, by_eta)], -1)
-        determinant = np.linalg.det(slope)
-        slope[np.abs(determinant) < 1e-14] = np.eye(2)
+        slope[np.abs(np.linalg.det(slope)) < 1e-14] = np.eye(2)
         change = 0.5 * np.linalg.solve(slope, miss[..., None])[..., 0]
         logical = np.clip(logical + np.clip(change, -0.7, 0.7), -0.25, most + 0.25)
     nodes, at = in_elements(space, best)
@@ -305,8 +304,7 @@ def mean_top(surface, radius):
     """Mean height [H] of a surface within a radius [H] of the axis, weighted with the area."""
     line = surface[::-1]
     r = np.linspace(0.0, radius, 41)
-    z = np.interp(r, np.maximum.accumulate(line[:, 0]), line[:, 1])
-    return np.trapezoid(z * r, r) / (0.5 * radius**2)
+    return np.trapezoid(np.interp(r, np.maximum.accumulate(line[:, 0]), line[:, 1]) * r, r) / (0.5 * radius**2)
 
 
 @dataclass

@@ -55,8 +55,7 @@ def run_case(name):
         if wanted and any(abs(s.time - t) < 1e-6 for t in PICTURES):
             mps.png(str(FRAMES / name / f"t{s.time:.1f}"))(s)
         if any(abs(s.time - t) < 1e-6 for t in (0.1, 1.0)):
-            rate = s.snapshot().shear_rate
-            samples[f"{s.time:g}"] = np.round(np.quantile(rate, np.linspace(0, 1, 60)), 5).tolist()
+            samples[f"{s.time:g}"] = np.round(np.quantile(s.snapshot().shear_rate, np.linspace(0, 1, 60)), 5).tolist()
 
     sim.every(0.1 if settings["until"] > 20 else 0.01, lambda s: rows.append((s.time, *s.measures().values())))
     sim.every(0.1, picture)

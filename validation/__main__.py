@@ -27,8 +27,7 @@ def main(words=None) -> int:
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     given = parser.parse_args(words)
     try:
-        out = user_path(given.out)
-        text, results = run_table(given.rows, given.quick, out, given.page, given.scheme, given.budget)
+        text, results = run_table(given.rows, given.quick, user_path(given.out), given.page, given.scheme, given.budget)
     except (SceneError, OSError) as error:
         print(f"validation: {error}", file=sys.stderr)
         return BAD_INPUT

@@ -14,7 +14,11 @@ RIWLIN = "B_taylor_couette.csv and closed form"
 STOPPED = "time step capped to T_stop/200; stopped: max speed < 1e-3 V"
 THRESHOLD = "B_fe_initial_velocity_threshold.csv"
 GHIA = "own solution beside Ghia et al. (1982)"
-KRIEGER, CHATEAU = "Krieger and Dougherty (1959), phi_m = 0.64", "Chateau, Ovarlez and Trung (2008), phi_m = 0.57"
+KRIEGER, CHATEAU, HOLDS = (
+    "Krieger and Dougherty (1959), phi_m = 0.64",
+    "Chateau, Ovarlez and Trung (2008), phi_m = 0.57",
+    "held above 0.0477 (Beris et al. 1985), 1/18 (Roussel 2006, from memory)",
+)
 INERTIAL, INERTIALESS = "finite elements with inertia", "finite elements without inertia"
 ARRESTED = f"{INERTIAL}: it stands at tau_y; {INERTIALESS}: below which it flows"
 
@@ -127,6 +131,15 @@ TABLE = [
         "Lube et al. (2004), much narrower than theirs", grains.dry_column, {"wide": 4, "seeds": 3}),
     Row("dry_column_wide", "the same, 9 diameters in radius",
         "Lube et al. (2004), nearer to theirs", grains.dry_column, {"wide": 9, "seeds": 1}),
+    Row("segregation_rest", "0.1 x 0.1 x 0.3 m of mortar at rest, 1 Pa s, spheres 4 across, 0.1, 0.07 drho g d, 15 min",
+        HOLDS, grains.segregation, {"number": 0.07, "until": 900.0, "seeds": 3}),
+    Row("segregation_rest_near", "the same, 0.05 drho g d: between both bounds",
+        HOLDS, grains.segregation, {"number": 0.05, "until": 900.0, "seeds": 3}),
+    Row("segregation_soft", "the same, 0.02 drho g d, 30 s", HOLDS, grains.segregation,
+        {"number": 0.02, "until": 30.0, "seeds": 3}),
+    Row("segregation_sheared", "the same, 0.07 drho g d, sheared at 1/s between two sides, 40 s",
+        "a yield stress holds a grain only at rest", grains.segregation,
+        {"number": 0.07, "until": 40.0, "seeds": 1, "rate": 1.0}),
     # ---- slumps.py, flows.py ----
     *(collapse(tau_y) for tau_y in (100.0, 300.0, 500.0, 1000.0)),
     collapse(500.0, 0.02),

@@ -213,8 +213,7 @@ def order_in_time():
         scene, errors = between_walls(HALF / 20, DEPTH, material, weight / DENSITY), []
         for steps in (25, 50, 100):
             s = run(scene, until * time, time / steps).snapshot()
-            middle = np.abs(s.x[:, 1] - HALF) < s.spacing
-            errors.append(float(s.u[middle, 0].mean() / speed / wanted - 1))
+            errors.append(float(s.u[np.abs(s.x[:, 1] - HALF) < s.spacing, 0].mean() / speed / wanted - 1))
         order = float(np.log2(abs(errors[0] / errors[-1])) / 2)
         listed = ", ".join(f"{100 * e:.2f} %" for e in errors)
         yield Measured(f"0.9 - order ({order:.2f}, errors {listed}), Bn = {bn:g}", max(0.0, 0.9 - order), 0.0)

@@ -126,6 +126,36 @@ def dry_column(wide: int, seeds: int):
     )
 
 
+def segregation(number: float, until: float, seeds: int, rate=0.0):
+    """Grains of the top third that are left there after a time [s], a tenth of the volume of a column of 0.1 x 0.1 x
+    0.3 m; ``number``: tau_y/(drho g d), ``rate``: shear rate [1/s] between two sides, periodic along them."""
+    low, high, found = (0.0,) * 3, (0.1, 0.1, 0.3), []
+    walls = mps.box_planes(low, high)
+    if rate:
+        walls = [walls[0]] + [
+            mps.Plane((0.0, y, 0.0), (0.0, n, 0.0), velocity=(-0.05 * n * rate, 0.0, 0.0))
+            for y, n in ((0.0, 1.0), (0.1, -1.0))
+        ]
+    for seed in range(1, 1 + seeds):
+        scene = mps.Scene(
+            "column",
+            mps.Bingham(yield_value=number * EXTRA * GRAVITY * SIZE, plastic_viscosity=1.0, density=DENSITY),
+            SIZE / 4,
+            mps.lattice(low, high, SIZE / 4),
+            ((-SIZE * (not rate), -SIZE, -SIZE), (0.1 + SIZE * (not rate), 0.1 + SIZE, 0.34)),
+            walls,
+            periodic=(bool(rate), False, False),
+            grains=mps.Grains(diameter=SIZE, volume_fraction=0.1, density=DENSITY + EXTRA, seed=seed),
+        )
+        _, _, heights = record(scene, lambda s: s.grains.centres[:, 2], until=until)
+        found.append(np.mean(heights[-1] > 0.2) / np.mean(heights[0] > 0.2))
+    yield Measured(
+        f"left of the top third {np.mean(found):.3f} ({min(found):.3f} to {max(found):.3f}) less what should be",
+        np.mean(found) - (number > HELD and not rate),
+        0.05,
+    )
+
+
 def bumps(x):
     """Distance [m] of points from a floor of half spheres side by side, whose mean height is FLOOR."""
     return np.minimum(

@@ -157,8 +157,7 @@ def time_to_spread(spacing, model="full"):
             sim.interrupt()
         return spread
 
-    scene = mps.slump_cone(**mix, until=2.0 * exact[500.0], spacing=spacing, model=model)
-    _, times, spreads = record(scene, read)
+    _, times, spreads = record(mps.slump_cone(**mix, until=2.0 * exact[500.0], spacing=spacing, model=model), read)
     times, spreads = np.append(0.0, times), np.maximum.accumulate(np.append(0.2, spreads))
     for diameter in (400.0, 500.0):
         found = np.interp(1e-3 * diameter, spreads, times, right=np.nan)  # nan: never got there

@@ -81,8 +81,7 @@ class Revolved:
         r, z = np.hypot(x[:, 0], x[:, 1])[:, None], x[:, 2][:, None]
         (r0, z0), (r1, z1) = self.curve[:-1].T, self.curve[1:].T
         between = (z0 <= z) != (z1 <= z)
-        rise = np.where(z1 == z0, 1.0, z1 - z0)
-        return (between & (r < r0 + (z - z0) / rise * (r1 - r0))).sum(1) % 2 == 1
+        return (between & (r < r0 + (z - z0) / np.where(z1 == z0, 1.0, z1 - z0) * (r1 - r0))).sum(1) % 2 == 1
 
 
 def jittered(body, size: float) -> np.ndarray:

@@ -99,9 +99,8 @@ def run_table(
 def draw(results: dict[str, dict], out: Path) -> None:
     """Draw the convergence chart of all results that have points for it; without points, or without matplotlib, print a
     line that says so."""
-    series = [item for result in results.values() for item in result.get("series", ())]
     try:
-        convergence(series, out)
+        convergence([item for result in results.values() for item in result.get("series", ())], out)
     except (ImportError, ValueError) as missing:
         print(f"{out.name} is not drawn: {missing}", file=sys.stderr)
 

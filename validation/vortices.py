@@ -27,8 +27,7 @@ def stream_function(x, u, across):
     ux = np.zeros((across + 1, across + 1))
     for i, column in enumerate(nodes):
         near = np.abs(x[:, 0] - column) * across < 6.0
-        at = np.column_stack([np.full(across + 1, column), nodes])
-        ux[i] = fitted(at, x[near], u[near, 0], 1.0 / across)
+        ux[i] = fitted(np.column_stack([np.full(across + 1, column), nodes]), x[near], u[near, 0], 1.0 / across)
     ux[:, 0], ux[:, -1] = 0.0, 1.0
     ux[0], ux[-1] = 0.0, 0.0
     slope = np.gradient(ux, axis=1)

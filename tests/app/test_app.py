@@ -152,8 +152,7 @@ def test_two_tabs_run_watch_stop_and_compare(tmp_path):
         told = one.forecast("particles of 20 mm, model axisymmetric")
         assert f"Expect the slump within {300.0 * error.slump:.1f} mm" in told
         one.press("run")
-        status = one.part("status", "Slump")
-        status.wait_for()
+        one.part("status", "Slump").wait_for()
         assert one.page.evaluate(
             "document.querySelector('#picture[src]') || document.querySelector('#section').checkVisibility()"
         ), "the preview until the run has a picture"
@@ -567,9 +566,10 @@ def test_only_this_machine_and_its_own_page_are_served(tmp_path):
 
         report = answer(port, "/runs/run/report.html")
         assert (report.status, report.headers["Content-Disposition"]) == (200, 'attachment; filename="run-report.html"')
-        alone = answer(port, "/report/run")
-        assert alone.headers["Content-Security-Policy"].startswith(
-            "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline'"
+        assert (
+            answer(port, "/report/run")
+            .headers["Content-Security-Policy"]
+            .startswith("sandbox allow-scripts allow-downloads; default-src 'unsafe-inline'")
         )
         assert "script" not in answer(port).headers["Content-Security-Policy"], "none but those of the page itself"
         shown = {f"run/{name}": 200 for name in ("summary.json", "frames/frame_00000.png")}

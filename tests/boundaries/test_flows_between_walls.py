@@ -38,8 +38,7 @@ def test_the_flow_of_an_open_channel_between_rough_sides_nears_the_series():
         sim.run(until=0.3)  # four times the time W^2/(pi^2 nu) in which it starts
         sim.each_step(lambda sim, flows=flows: flows.append(sim.report.mean_speed))
         sim.run(until=0.5)
-        flow = sim.snapshot().u[:, 0].mean() * width * high[2]
-        errors.append(flow / exact - 1.0)
+        errors.append(sim.snapshot().u[:, 0].mean() * width * high[2] / exact - 1.0)
         assert np.ptp(flows) < 0.05 * flows[-1]
     assert 0.0 < errors[1] < 0.06 and errors[1] < 0.5 * errors[0], errors
 

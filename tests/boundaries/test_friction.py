@@ -115,8 +115,7 @@ class OnFloor(System):
 def test_the_matrix_at_a_floor_with_friction_is_symmetric_positive_definite():
     """The resistance to sliding along the floor, friction and layer in series, is more than inertia and less than no
     slip."""
-    law = mps.Friction(yield_value=10.0, viscous_constant=500.0)
-    rubs, holds = OnFloor(1000.0, friction=law), OnFloor()
+    rubs, holds = OnFloor(1000.0, friction=mps.Friction(yield_value=10.0, viscous_constant=500.0)), OnFloor()
     A, _blocks = rubs.dense()
     assert np.abs(A - A.T).max() < 1e-12 * np.abs(A).max()
     assert np.linalg.eigvalsh(A).min() > 0.0

@@ -209,8 +209,7 @@ def test_curved_ghosts_complete_rings(wall):
     missing."""
     x = mps.rings(0.6, 1.0, L0) if wall.inside else mps.rings(1.0, 1.4, L0)
     rig = Rig(x, planes=(wall,))
-    first = wall.distance(rig.x) < L0
-    n = rig.gradient.n.to_numpy()[first] / rig.gradient.n0
+    n = rig.gradient.n.to_numpy()[wall.distance(rig.x) < L0] / rig.gradient.n0
     assert abs(n.mean() - 1.0) < 0.006
 
 

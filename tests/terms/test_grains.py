@@ -280,6 +280,18 @@ def test_a_disc_sinks_in_a_deep_pool_as_fast_as_in_a_shallow_one_and_goes_on():
     assert pools[1].grains.velocities[0, 1] == pytest.approx(-deep, rel=0.25), "of 1 s"
 
 
+@pytest.mark.slow
+def test_a_disc_that_sinks_steadily_sinks_as_far_in_a_fifth_of_the_steps():
+    """Up to eight natural steps at once, against one."""
+    mortar = mps.Bingham(yield_value=2.0, plastic_viscosity=10.0, density=2000.0)
+    few = pool(mortar, 300.0, [(0.1, 0.12)], depth=0.2)
+    many = mps.Simulation(few.scene, mps.Implicit(max_time_step=few.problem.time_step.longest))
+    for sim in (few, many):
+        advance(sim, 1.0)
+    assert 0.115 - few.grains.centres[0, 1] == pytest.approx(0.115 - many.grains.centres[0, 1], rel=0.03)
+    assert few.report.step < 0.2 * many.report.step
+
+
 @pytest.mark.long
 def test_grains_in_a_yield_stress_that_holds_them_stand_without_creep():
     """In 60 Pa, heavier by 300 kg/m3: their weight over tau_y D is 1.5, the limit for a disc about 12. What is left is

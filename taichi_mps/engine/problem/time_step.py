@@ -3,7 +3,8 @@
 import math
 from dataclasses import dataclass
 
-LONG = 2.0  # a slowly varying flow takes steps as long as this many of the scene's own
+# a slowly varying flow takes steps as long as this many of the scene's own; where grains sink in it, no fall is its own
+LONG, LONG_WITH_GRAINS = 2.0, 8.0
 # A decaying flow may take steps of this fraction of its decay time, in which its speed falls to 1/e, and a flow that
 # starts steps of this fraction of the time so far: backward Euler then resolves the diffusion from the walls
 CREEP = 0.1
@@ -51,7 +52,7 @@ class TimeStep:
         self.limit = numerics.max_time_step or math.inf  # of any step [s]
         longest, slow = (
             min(longest_step(m.typical_slope / m.density, gravity, height, spacing, times) for m in materials)
-            for times in (1.0, LONG)
+            for times in (1.0, LONG_WITH_GRAINS if scene.grains else LONG)
         )
         self.falls = (
             self.yields and slow > longest
