@@ -146,8 +146,7 @@ class Equations:
         self.strain = space.matrix(strain, at, space.unknowns, (at.size, of_all))[:, free]
         self.strain_transposed = self.strain.T.tocsr()
         constraint = np.einsum("eg,gk,egd->ekd", g.weight, PRESSURE, divergence)
-        pressures = np.arange(3 * e).reshape(e, 3)
-        constraint = space.matrix(constraint, pressures, space.unknowns, (3 * e, of_all))[:, free]
+        constraint = space.matrix(constraint, np.arange(3 * e).reshape(e, 3), space.unknowns, (3 * e, of_all))[:, free]
         load = np.zeros((space.nodes, 2))
         np.add.at(load[:, 1], space.elements, -g.weight @ SHAPE)
         self.load = load.ravel()[free]
@@ -190,8 +189,7 @@ def resampled(line, count, size, keep_kink):
     """A line (k, 2) with so many points, evenly but for the size at its beginning; a kink stays at an element's end."""
     arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T))]
     at = arc[-1] * graded(np.linspace(0.0, 1.0, count), size)
-    along = np.unwrap(np.arctan2(*np.diff(line, axis=0).T[::-1]))
-    bend = np.abs(np.diff(along))
+    bend = np.abs(np.diff(np.unwrap(np.arctan2(*np.diff(line, axis=0).T[::-1]))))
     if len(bend) > 6 and keep_kink:
         k = 2 + bend[2:-2].argmax()
         if bend[k] > KINK:
@@ -365,9 +363,8 @@ def fall(yield_stress, viscosity, nx, ny, rule="near", until=5.0):
             of_now, of_older = (1.0 + ratio) / dt, -ratio * ratio / (1.0 + ratio) / dt
         equations = Equations(space, x, penalty, mass)
         force = equations.load + equations.mass @ (of_now * carried + of_older * older)
-        tolerance = max(1e-9, min(least, TOLERANCE * speed))
         now, rate, stress = equations.solve(
-            tau, eta, force, tolerance, MAX_ITERATIONS if t > 0.0 else 1500, rate, stress
+            tau, eta, force, max(1e-9, min(least, TOLERANCE * speed)), MAX_ITERATIONS if t > 0.0 else 1500, rate, stress
         )
         before, last, t = carried, dt, t + dt
         speed = np.hypot(now[0::2], now[1::2]).max()

@@ -108,10 +108,9 @@ def draw() -> None:
             ]
             name = [f"{tau:g} Pa, 50 Pa s", mould]
             lines.append([*name, *told, f"{usual['mean'][3]:.2g}", f"{100 * usual['mean'][2]:.1f}"])
-            rows = [found.get(f"{mould}, {one}", {}).get("mixes", {}).get(f"{tau:g} 1") for one in BESIDE]
             cells = [
                 "{:.1f}, {:.1f}, {:.2g}".format(*1e3 * np.array(row["mean"][:2]), row["mean"][3]) if row else "-"
-                for row in rows
+                for row in [found.get(f"{mould}, {one}", {}).get("mixes", {}).get(f"{tau:g} 1") for one in BESIDE]
             ]
             beside.append([*name, *cells])
     tables = (

@@ -269,8 +269,7 @@ def draw() -> None:
     results = [points.load(f"speed_accuracy_{flow}") for flow in FLOWS]
     points.put("speed.md", "speed_accuracy", "\n\n".join(text), results)
     about = "Written by `python benchmarks/speed_accuracy.py draw`; the charts stand in docs/speed.md."
-    made = provenance.origin(results)
-    (points.RESULTS / "speed_accuracy.md").write_text("\n\n".join([about, *tables, made]) + "\n")
+    (points.RESULTS / "speed_accuracy.md").write_text("\n\n".join([about, *tables, provenance.origin(results)]) + "\n")
 
 
 def run(flows: list[str]) -> None:

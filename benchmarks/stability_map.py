@@ -69,8 +69,7 @@ def point(diffusion, courant, bingham, ratio, scheme) -> dict:
     from validation.flows import l2, profile
 
     depth, along = ACROSS * L0, 9.81 * float(np.sin(np.radians(ANGLE)))
-    share = (1.0 - bingham) ** 2  # of the Newtonian surface speed
-    nu = float(np.sqrt(along * depth**2 * share * L0 * diffusion / (2.0 * courant)))
+    nu = float(np.sqrt(along * depth**2 * (1.0 - bingham) ** 2 * L0 * diffusion / (2.0 * courant)))
     eta, weight, dt = DENSITY * nu, DENSITY * along, diffusion * L0**2 / nu
     tau_y = bingham * weight * depth
     knee_rate = tau_y / (eta * (ratio - 1.0)) if bingham and scheme != BINGHAM else 1e-9

@@ -117,6 +117,8 @@ TABLE = [
             KRIEGER, grains.suspensions, {"across": 6, "fractions": (fraction,)})
         for fraction in (0.1, 0.2, 0.3)
     ),
+    Row("suspension_placings", "suspension 4 across at 0.3, cube of three diameters, strain 1, moved, in other rows",
+        "the same, five seeds", grains.placings, {"seeds": 5}),
     Row("suspension_yield", "suspension 4 across in the same cube, a yield stress of 100 times the viscous stress",
         CHATEAU, grains.suspensions,
         {"across": 4, "fractions": (0.1, 0.2, 0.3), "strain": 1.0, "seeds": 1, "law": grains.YIELDING}),

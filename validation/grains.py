@@ -50,11 +50,12 @@ def held(across: int):
     yield Measured("speed over Stokes' after 5 s where the yield stress is a quarter above", abs(speeds[-1]), CREEP)
 
 
-def thickened(across: int, wide: int, strain: float, law=NEWTONIAN, numerics=None, **grains) -> tuple[float, float]:
+def thickened(across: int, wide: int, strain: float, law=NEWTONIAN, numerics=None, change=np.array, **grains):
     """Shear stress of a fluid with grains over that without, mean of the second half of a strain, and the volume
-    fraction of their particles; between plates ``wide`` diameters apart, periodic along them, at 1/s."""
+    fraction of their particles; between plates ``wide`` diameters apart, periodic along them, at 1/s; ``change``: of
+    the first positions."""
     spacing, side = SIZE / across, wide * SIZE
-    x = mps.lattice((0.0,) * 3, (side,) * 3, spacing)
+    x = change(mps.lattice((0.0,) * 3, (side,) * 3, spacing))
     walls = [
         mps.Plane((0.0, 0.0, z), (0.0, 0.0, n), velocity=(-0.5 * n * side, 0.0, 0.0), name=name)
         for z, n, name in ((0.0, 1.0, "lower"), (side, -1.0, "upper"))
@@ -88,6 +89,30 @@ def dilute(across):
         relative, volume = thickened(each, 4, 0.03, centres=[(2.0 * SIZE,) * 3])
         found = (relative - 1.0) / volume
         yield Measured(f"intrinsic viscosity {found:.2f}, {each} across, relative", found / EINSTEIN - 1.0, 0.12)
+
+
+def placings(seeds: int):
+    """Mean viscosity of small suspensions, moved aside or in other rows, less that as it is, over the scatter of
+    seeds."""
+    ways = {
+        "as it is": np.array,
+        "moved by 1e-6 l0": lambda x: x + np.random.default_rng(1).uniform(-1e-6, 1e-6, x.shape) * SIZE / 4,
+        "rows permuted": np.random.default_rng(1).permutation,
+    }
+    found = {
+        name: np.array(
+            [thickened(4, 3, 1.0, change=way, volume_fraction=0.3, seed=seed)[0] for seed in range(1, 1 + seeds)]
+        )
+        for name, way in ways.items()
+    }
+    usual = found.pop("as it is")
+    for name, each in found.items():
+        yield Measured(
+            f"{name}: mean {each.mean():.3f} for {usual.mean():.3f}, each within {np.abs(each - usual).max():.3f}, "
+            f"over the scatter {usual.std(ddof=1):.3f}",
+            (each.mean() - usual.mean()) / usual.std(ddof=1),
+            1.0,
+        )
 
 
 def dry_column(wide: int, seeds: int):
