@@ -50,7 +50,9 @@ def held(across: int):
     yield Measured("speed over Stokes' after 5 s where the yield stress is a quarter above", abs(speeds[-1]), CREEP)
 
 
-def thickened(across: int, wide: int, strain: float, law=NEWTONIAN, numerics=None, change=np.array, **grains):
+def thickened(
+    across: int, wide: int, strain: float, law=NEWTONIAN, numerics=None, change=np.array, **grains
+) -> tuple[float, float]:
     """Shear stress of a fluid with grains over that without, mean of the second half of a strain, and the volume
     fraction of their particles; between plates ``wide`` diameters apart, periodic along them, at 1/s; ``change``: of
     the first positions."""
